@@ -1,7 +1,7 @@
 """Writes the tables of figures in the README and in docs/ from the kept results of `./dev bench`.
 
 python bench/table.py                 from the kept results
-python bench/table.py --keep          move out/bench/*.json and out/tried/*.json to bench/results/ first
+python bench/table.py --keep          from out/bench/*.json and out/tried/*.json, which are kept first
 python bench/table.py --check         change nothing; exit 1 if a document or a chart differs from the kept results
 python bench/table.py --csv FOLDER    write each result to FOLDER/NAME.csv, with all its figures
 
@@ -48,6 +48,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out"
 KEPT = ROOT / "bench" / "results"
+TRIALS = ROOT / "bench" / "tried.json"
 TABLE = re.compile(r"(<!-- table( by source)?\n(.*?)-->\n).*?(<!-- end of table -->)", re.DOTALL)
 TRIED = re.compile(r"(<!-- tried (\w+) -->).*?(<!-- /tried -->)")
 WORD = re.compile(r"\{(\w*)(?::([^}]*))?\}")
@@ -76,6 +77,18 @@ def read(folder: Path) -> Results:
         if "machine" in result:
             result["machine"]["simd"] = result["machine"].get("simd", "").replace("AVX3", "AVX-512")  # Highway's name
     return results
+
+
+def read_trials() -> Results:
+    """Return the kept results of `./dev try` by name."""
+    return json.loads(TRIALS.read_text())  # type: ignore[no-any-return]
+
+
+def trials_text(trials: Results) -> str:
+    """Return the results of `./dev try` as one JSON object, each as `lines_of` writes it."""
+    return (
+        "{\n" + ",\n".join(f"{json.dumps(name)}: {lines_of(trials[name]).strip()}" for name in sorted(trials)) + "\n}\n"
+    )
 
 
 def refuse_unknown_sources(results: Results) -> None:
@@ -244,15 +257,16 @@ def write_csv(folder: Path, results: Results) -> None:
 
 
 def keep() -> None:
-    """Copy new results to the committed folder."""
-    fresh = [*sorted((OUT / "bench").glob("*.json")), *sorted((OUT / "tried").glob("*.json"))]
-    if not fresh:
+    """Copy new results to the committed ones."""
+    fresh, tried = sorted((OUT / "bench").glob("*.json")), read(OUT / "tried")
+    if not fresh and not tried:
         sys.exit(f"{OUT}/bench: no results; run ./dev bench first")
-    refuse_unknown_sources({path.stem: json.loads(path.read_text()) for path in fresh})
+    refuse_unknown_sources(read(OUT / "bench"))
+    refuse_unknown_sources(tried)
     for path in fresh:
-        to = KEPT if path.parent.name == "bench" else KEPT / "tried"
-        to.mkdir(parents=True, exist_ok=True)
-        shutil.copy(path, to / path.name)
+        shutil.copy(path, KEPT / path.name)
+    if tried:
+        TRIALS.write_text(trials_text(read_trials() | tried))
 
 
 def main() -> None:
@@ -264,7 +278,7 @@ def main() -> None:
     args = parser.parse_args()
     if args.keep:
         keep()
-    results, trials = read(KEPT), read(KEPT / "tried")
+    results, trials = read(KEPT), read_trials()
     if args.csv:
         write_csv(args.csv, results)
         return

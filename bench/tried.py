@@ -29,7 +29,6 @@ machine from the stored results.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import re
 import subprocess
@@ -41,7 +40,6 @@ import table
 from run import ROOT, commit, machine
 
 OUT = ROOT / "out" / "tried"
-KEPT = ROOT / "bench" / "results" / "tried"
 #: Tests of the C++ engine, their number of parts, the number of trials in a part as a multiple of the test suite's, and
 #: what they count.
 TESTS = {
@@ -87,7 +85,7 @@ def run_part(name: str, part: int) -> int:
 
 def run_tests(name: str) -> None:
     """Run the parts without a result, and write after each."""
-    known = [json.loads(place.read_text()) for place in (OUT / f"{name}.json", KEPT / f"{name}.json") if place.exists()]
+    known = [trials[name] for trials in (table.read(OUT), table.read_trials()) if name in trials]
     parts = max((result.get("parts", []) for result in known), key=len, default=[])
     done = {part.get("part", index) for index, part in enumerate(parts)}
     for number in sorted(set(range(TESTS[name][1])) - done):

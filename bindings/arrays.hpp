@@ -33,7 +33,12 @@ inline void refuse_masked(const py::handle& value, const std::string& field) {
   throw py::value_error(field + ": expected an array without a mask, got a masked array: call filled() first");
 }
 
-inline std::string text_of(const Shape& shape) { return std::string(py::str(py::tuple(py::cast(shape)))); }
+// Any length, -1, is N in the first dimension, K in the second.
+inline std::string text_of(const Shape& shape) {
+  std::string text = py::str(py::tuple(py::cast(shape)));
+  for (std::size_t at = text.find("-1"); at != std::string::npos; at = text.find("-1")) text.replace(at, 2, at == 1 ? "N" : "K");
+  return text;
+}
 
 // Selects if a single row stands for all rows of an array.
 enum class OneForAll : bool { no, yes };

@@ -27,8 +27,8 @@ struct Images {
   }
 };
 
-Images images_of(const py::array& images, const std::string& layout, const char* name, bool one) {
-  refuse_masked(images, name);
+Images images_of(const py::array& images, const std::string& layout, bool one) {
+  refuse_masked(images, "image");
   if (layout != "hwc" && layout != "chw") throw py::value_error("layout: expected \"hwc\" or \"chw\", got \"" + layout + '"');
   const bool chw = layout == "chw";
   const Shape shape(images.shape(), images.shape() + images.ndim());
@@ -37,8 +37,8 @@ Images images_of(const py::array& images, const std::string& layout, const char*
                     std::all_of(shape.begin() + static_cast<std::ptrdiff_t>(before), shape.end(), [](auto n) { return n > 0; });
   if (!images.dtype().is(py::dtype::of<std::uint8_t>()) || !fits) {
     const std::string expected = std::string(one ? "(" : "(..., ") + (chw ? "3, height, width)" : "height, width, 3)");
-    throw py::value_error(std::string(name) + ": expected uint8 of shape " + expected + ", got " +
-                          std::string(py::str(images.dtype())) + " of shape " + text_of(shape));
+    throw py::value_error("image: expected uint8 of shape " + expected + ", got " + std::string(py::str(images.dtype())) +
+                          " of shape " + text_of(shape));
   }
   return {.pixels = images,
           .leading = Shape(shape.begin(), shape.begin() + static_cast<std::ptrdiff_t>(before)),
@@ -57,7 +57,7 @@ struct Blobs {
 
 Blobs color_blob(const py::array& given, const ColorRange& color, const std::string& layout) {
   color.validate();
-  const Images images = images_of(given, layout, "images", false);
+  const Images images = images_of(given, layout, false);
   const Shape shape = images.shape({});
   using Ints = py::array_t<std::int32_t>;
   Blobs blobs{py::array_t<bool>(shape),
@@ -92,7 +92,7 @@ struct Components {
 
 Components color_components(const py::array& given, const ColorRange& color, const std::string& layout) {
   color.validate();
-  const Images image = images_of(given, layout, "image", true);
+  const Images image = images_of(given, layout, true);
   const imaging::ColorComponents found = imaging::find_components(image[0], image.width, image.height, image.layout, color);
   const auto count = static_cast<py::ssize_t>(found.list.size());
   Components components{py::array_t<std::int32_t>({count, py::ssize_t{4}}), py::array_t<double>({count, py::ssize_t{2}}),
@@ -116,7 +116,7 @@ struct Seen {
 };
 
 Seen green_blob(const py::array& given, const std::string& layout) {
-  const Images image = images_of(given, layout, "image", true);
+  const Images image = images_of(given, layout, true);
   task::ColorBlobScratch scratch;
   Seen seen{task::find_color(image[0], image.width, image.height, image.layout, ColorRange(), scratch),
             py::array_t<bool>(image.shape({image.height, image.width}))};
@@ -149,10 +149,10 @@ void register_color_blob(py::module_& module) {
       .def_readonly("mask", &Blobs::mask);
   module.def(
       "color_blob",
-      [](const py::array& images, const py::object& color, const std::string& layout) {
-        return color_blob(images, argument<ColorRange>(color, "color", "a flockstep.ColorRange"), layout);
+      [](const py::array& image, const py::object& color, const std::string& layout) {
+        return color_blob(image, argument<ColorRange>(color, "color", "a flockstep.ColorRange"), layout);
       },
-      py::arg("images"), py::arg("color"), py::arg("layout") = "hwc");
+      py::arg("image"), py::arg("color"), py::arg("layout") = "hwc");
   py::class_<Components>(module, "ColorComponents", "Connected parts of an image with a colour.")
       .def_readonly("box", &Components::box)
       .def_readonly("centroid", &Components::centroid)
@@ -164,6 +164,13 @@ void register_color_blob(py::module_& module) {
         return color_components(image, argument<ColorRange>(color, "color", "a flockstep.ColorRange"), layout);
       },
       py::arg("image"), py::arg("color"), py::arg("layout") = "hwc");
+  // Other calls get here: name an unknown keyword.
+  for (const char* const name : {"color_blob", "color_components"}) {
+    module.def(name, [name](const py::args&, const py::kwargs& keywords) {
+      refuse_unknown(name, keywords, {"image", "color", "layout"});
+      throw py::reference_cast_error();
+    });
+  }
 }
 
 }  // namespace flockstep::bindings

@@ -3,7 +3,7 @@
 SI units. World frame: right-handed, z up. Body frame: x forward, y left, z up. Quaternions are ``(w, x, y, z)``, body
 to world. Arrays are float32 unless their entry names another type. ``N`` is the number of drones of a batch.
 
-Bad input raises `ValueError` naming the field, the expected value and the actual one, before anything changes.
+Bad input raises `ValueError` {config.hpp: naming the field ... actual one}, before anything changes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -52,7 +52,7 @@ scene_generators: tuple[str, ...]
 
 @final
 class LidarConfig:
-    """A scanning LiDAR: a grid of channels x beams, or a beam pattern."""
+    """{lidar.hpp: A scanning LiDAR}: {lidar.hpp: a grid of ... beams}, or a beam pattern."""
 
     # fields of LidarConfig
     @property
@@ -63,7 +63,7 @@ class LidarConfig:
 class CameraConfig:
     """A pinhole camera.
 
-    Camera frame: x along the optical axis, y left, z up. The optical axis passes through the centre of the image.
+    {camera.hpp: Camera frame ... centre of the image}.
     """
 
     # fields of CameraConfig
@@ -94,17 +94,17 @@ class ImuConfig:
 
     The accelerometer measures all acceleration except gravity: +9.81 m/s^2 along the body's z at rest and in hover, 0
     in free fall. It does not measure impacts. In a tick with a contact it reads only gravity and, if it is mounted off
-    the centre, the centripetal acceleration. The noise follows Kalibr's model: white noise, given by its density, and a
-    bias that drifts from 0 in each episode.
+    the centre, the centripetal acceleration. {imu.hpp: The noise follows ... its density}, and a bias that drifts from
+    0 in each episode.
     """
 
     # fields of ImuConfig
 
 class Server:
-    """Lets other processes see and steer the drones of a batch.
+    """{server.hpp: Lets other processes}.
 
-    Make it by `flockstep.serve`. It runs on separate threads until `stop`, the end of a ``with`` block, or its deletion.
-    The program may go on calling the batch: calls of the program and of clients wait for each other.
+    Make it by `flockstep.serve`. It runs on separate threads until `stop`, the end of a ``with`` block, or its
+    deletion. {server.hpp: The program may go}.
 
     Parameters
     ----------
@@ -116,12 +116,12 @@ class Server:
     Raises
     ------
     RuntimeError
-        The port is taken, or a file cannot be read.
+        {server.hpp: The port is ... be read}.
     """
 
     def __init__(self, batch: Batch, config: ServerConfig) -> None: ...
     def stop(self) -> None:
-        """Close all connections and end the threads. Clients get the reason. Further calls wait for the first one.
+        """Close all connections and end the threads. {server.hpp: Clients get the ... first one}.
 
         Raises
         ------
@@ -136,7 +136,7 @@ class Server:
         """Port on which it listens, also if the configuration says 0; 0 for a Unix socket."""
     @property
     def address(self) -> str:
-        """Address for `flockstep.connect`: ``"127.0.0.1:41451"``, ``"[::1]:41451"`` or ``"unix:PATH"``."""
+        """Address for `flockstep.connect`: {server.hpp: "127.0.0.1 ... "unix:PATH"}."""
     @property
     def num_clients(self) -> int:
         """Number of clients that are connected now."""
@@ -176,7 +176,7 @@ class UpdateReport:
         """Share of the variance of the returns that the values of the rollout explain."""
     @property
     def std(self) -> float:
-        """Mean standard deviation of the actions, after the update; 0 for discrete actions."""
+        """{learner.hpp: Mean standard deviation}; 0 for discrete actions."""
     @property
     def epochs(self) -> int:
         """Number of epochs begun."""
@@ -185,7 +185,7 @@ class UpdateReport:
         """True if ``target_kl`` ended the update."""
     @property
     def is_finite(self) -> bool:
-        """False if the update stopped before a minibatch whose loss or gradient was not finite."""
+        """False if {learner.hpp: the update stopped before}."""
 
 class Learner:
     """Networks, optimiser and rollout of `flockstep.PPO`. R is the number of rows, k the size of an observation.
@@ -215,7 +215,7 @@ class Learner:
         """Rows of the current rollout."""
     @property
     def layout(self) -> list[tuple[str, tuple[int, ...], int]]:
-        """Name, shape and first index of each group of parameters; names are those of Stable-Baselines3's policies."""
+        """Name, shape and first index of each group of parameters; {learner.hpp: names are those of}."""
     @property
     def parameters(self) -> _F32:
         """A copy of the parameters; setting it changes them."""
@@ -249,9 +249,9 @@ class Learner:
     @discounted_returns.setter
     def discounted_returns(self, values: npt.ArrayLike) -> None: ...
     def predict(self, observation: npt.ArrayLike) -> _F32:
-        """Return the most probable actions, (R, action_size) numbers or (R,) indices, for observations (R, k)."""
+        """Return {learner.hpp: the most probable ... indices}, for observations (R, k)."""
     def sample(self, observation: npt.ArrayLike) -> _F32:
-        """Return random actions in the same form, not limited to the bounds of the action."""
+        """Return random actions, {learner.hpp: in the same form}."""
     def values(self, observation: npt.ArrayLike) -> _F32:
         """Return the values (R,) of observations (R, k)."""
     def begin(self, config: RolloutConfig, rows: int) -> None:
@@ -301,7 +301,7 @@ class Learner:
         config
             Settings of this update.
         order
-            Indices t R + r of the steps in the order of the minibatches, for each epoch. None: drawn.
+            Indices t R + r of the steps {learner.hpp: in the order of ... each epoch}. None: drawn.
         """
     def gradient(self, config: UpdateConfig, minibatch: npt.ArrayLike) -> _F32:
         """Return the gradient of the loss over some steps, given as indices t R + r, not limited."""
@@ -316,7 +316,7 @@ class Learner:
         """Returns (n_steps, R) that the values learn."""
     @property
     def rewards(self) -> _F32:
-        """Rewards (n_steps, R) as learned from: normalised, with the value of the final observation where truncated."""
+        """Rewards (n_steps, R) as learned from: {learner.hpp: normalised, with}."""
     @property
     def rollout_values(self) -> _F32:
         """Values (n_steps, R) when the actions were drawn."""
@@ -326,15 +326,14 @@ class Learner:
 
 @final
 class DynamicsConfig:
-    """The motion model of the drones, and the meaning of their commands.
+    """{dynamics.hpp: The motion model}.
 
     With ``motion="rotors"`` a drone is a rigid body with four rotors (docs/dynamics.md has the equations). A command is
     four numbers, whose meaning depends on ``control``:
 
     - ``"rotor_speeds"``: rad/s of each rotor, in the order of the airframe.
     - ``"rotor_thrusts"``: N of each rotor, in still air.
-    - ``"body_rates"``: total thrust of all rotors divided by the mass, m/s^2; body rates about x, y, z, rad/s. Also
-      called CTBR.
+    - ``"body_rates"``: {dynamics.hpp: total thrust of}, m/s^2; {dynamics.hpp: body rates about}. Also called CTBR.
     - ``"attitude"``: thrust, m/s^2; roll, pitch, yaw, rad.
     - ``"acceleration"``: m/s^2 in the world frame; yaw, rad.
     - ``"velocity"``: m/s in the world frame; yaw rate, rad/s.
@@ -417,7 +416,7 @@ class TaskSpec:
 
     @property
     def observation(self) -> list[Field]:
-        """Fields of the observation; one field is the observation itself, several form a dict."""
+        """Fields of the observation; {task.hpp: one field is}."""
 
     @property
     def reward_terms(self) -> list[str]:
@@ -427,18 +426,16 @@ class TaskSpec:
 class EpisodeEnd(IntEnum):
     """Reason for the end of an episode.
 
-    If several reasons hold in one step, the first in this order counts: bad_state, success, contact, left_area, time,
-    task, teammate.
+    {episode.hpp: If several reasons hold}.
 
     - ``none``: the episode goes on.
     - ``success``: success according to the task.
     - ``contact``: terminated while a drone was in contact with something.
     - ``left_area``: ended by the task because a drone left the task's area.
-    - ``bad_state``: a setpoint, pose, reward or observation was not finite, or a pose was outside the world; see
-      `Batch.bad_state`.
+    - ``bad_state``: {batch.hpp: a setpoint, pose ... finite}, or a pose was outside the world; see `Batch.bad_state`.
     - ``time``: truncated at ``max_episode_steps``.
-    - ``task``: terminated or truncated by the task for another reason.
-    - ``teammate``: truncated because the episode of another drone of the env ended.
+    - ``task``: {episode.hpp: terminated or truncated by}.
+    - ``teammate``: truncated because {episode.hpp: the episode of another}.
 
     `Batch.episode_end` and the infos hold these as integers; ``EpisodeEnd(2).name`` is ``"contact"``.
     """
@@ -498,7 +495,7 @@ def time_limit(task: _EngineTask | NativeTask | PythonTask) -> int:
 
 @final
 class World:
-    """Immutable geometry, materials and named markers, shared by any number of drones and batches."""
+    """{world.hpp: Immutable geometry}."""
 
     @staticmethod
     def load(
@@ -528,7 +525,7 @@ class World:
 
     @staticmethod
     def playground(**fields: Arguments[PlaygroundConfig]) -> World:
-        """Generate a room with full-height pillars, a start, waypoints and a goal.
+        """Generate {generators.hpp: a room with ... a goal}.
 
         The default drone can fly from the start via the waypoints to the goal. The same arguments make the same world.
         """
@@ -542,17 +539,17 @@ class World:
 
     @staticmethod
     def city(**fields: Arguments[CityConfig]) -> World:
-        """Generate a city: blocks of houses, streets with cars, lamps, trees and cables, a start and a goal far apart.
+        """Generate a city: {generators.hpp: blocks of houses ... cables}, a start and a goal far apart.
 
-        The default drone can fly from the start to the goal along the streets, 2 to 6 m above them. The same arguments
-        make the same world.
+        The default drone can fly from the start to the goal {generators.hpp: along the streets ... above them}. The
+        same arguments make the same world.
         """
 
     @staticmethod
     def office(**fields: Arguments[OfficeConfig]) -> World:
         """Generate one textured floor of an office building: furnished rooms, corridors, and lounges with windows.
 
-        Start and goal are in rooms at opposite ends of x. The default drone can fly from one to the other through
+        Start and goal are in rooms at opposite ends of x. {generators.hpp: The default drone ... to the other} through
         doors, but not in a straight line. The same arguments make the same world.
         """
 
@@ -560,7 +557,7 @@ class World:
     def warehouse(**fields: Arguments[WarehouseConfig]) -> World:
         """Generate a textured warehouse: a hall with skylights, rows of racks with pallets, forklifts and more.
 
-        Start and goal are at opposite ends of x. The default drone can fly from one to the other around racks and
+        Start and goal are at opposite ends of x. {generators.hpp: The default drone ... to the other} around racks and
         through empty bays, but not in a straight line. The same arguments make the same world.
         """
 
@@ -568,11 +565,11 @@ class World:
     def __deepcopy__(self, memo: dict[int, Any]) -> World: ...
     @staticmethod
     def race_track(**fields: Arguments[RaceTrackConfig]) -> World:
-        """Generate a race track: a closed loop of gates in an empty hall.
+        """Generate a race track: {generators.hpp: a closed loop of}.
 
-        From each gate to the next it is 4.5 to 12 m, with turns of at most 120 degrees and climbs of at most 40 %. A
-        ``racer5`` can fly straight from the centre of each gate to that of the next. The start is before the first
-        gate, the goal behind it. The same arguments make the same world.
+        From each gate to the next it is 4.5 to 12 m, with turns of at most 120 degrees and climbs of at most 40 %.
+        {generators.hpp: A racer5 can fly ... that of the next}. {generators.hpp: The start is before}. The same
+        arguments make the same world.
         """
 
     @property
@@ -628,7 +625,7 @@ class World:
         - ``half_extents``: (3,) m; for round primitives radius, radius, half height.
         - ``material``, ``visible`` and ``solid``.
 
-        They are ordered by kind. The bars of the `gates` follow the other primitives of their kind.
+        They are ordered by kind. {world.hpp: The bars of}.
         """
 
     @property
@@ -645,19 +642,19 @@ class World:
 
     @property
     def bodies(self) -> list[BodyConfig]:
-        """The bodies that every env in this world begins an episode with; queries of the world do not find them."""
+        """{world.hpp: Bodies that every ... with}; queries of the world do not find them."""
 
     def with_bodies(self, bodies: BodyConfig | Sequence[BodyConfig] | None) -> World:
-        """Return the same world with these bodies, and no others."""
+        """Return {world.hpp: the same world with these bodies}."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content that `save` writes to a ``.json`` file; triangle meshes are inline."""
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write a scene file (``.json``) or a glTF 2.0 file (``.glb``, ``.gltf``) that `load` reads as an equal world.
+        """Write {world.hpp: a scene file (.json) ... .gltf)} that `load` reads as an equal world.
 
-        Any viewer can show the glTF file: primitives are tessellated in it, and ``extras`` describe them. The file is
-        written completely or not at all.
+        Any viewer can show the glTF file: primitives are tessellated in it, and ``extras`` describe them. {world.hpp:
+        The file is written}.
 
         Raises
         ------
@@ -681,7 +678,7 @@ class World:
     def mesh(self, chord_error_m: float = 1e-3) -> dict[str, npt.NDArray[Any]]:
         """Return all geometry as triangles.
 
-        Round primitives are tessellated so that no chord is farther than ``chord_error_m`` from the surface.
+        {world.hpp: Round primitives are}.
 
         Returns
         -------
@@ -727,9 +724,8 @@ class World:
     def occupancy(self, cell_m: float, box: npt.ArrayLike | None = None) -> dict[str, Any]:
         """Return the occupied cells of a grid.
 
-        A cell is occupied if it touches a surface, or if its centre is inside a solid or outside the room. For this
-        test, cells are enlarged by a thousandth, so that a surface between two cells occupies both. Closed meshes are
-        hollow, as in collision checks.
+        A cell is occupied if it touches a surface, or if its {survey.hpp: centre is inside ... the room}. {survey.hpp:
+        For this test, cells}. {survey.hpp: Closed meshes are}.
 
         Parameters
         ----------
@@ -740,7 +736,7 @@ class World:
 
         Returns
         -------
-        - ``occupied``: (nx, ny, nz) bool. Cell (i, j, k) has its centre at ``origin + cell_m * (i + 0.5, j + 0.5, k +
+        - ``occupied``: (nx, ny, nz) bool. Cell (i, j, k) is centred at ``origin + cell_m * (i + 0.5, j + 0.5, k +
           0.5)``.
         - ``origin``: (3,) float32 m, minimum corner.
         - ``cell_m``: as given.
@@ -770,7 +766,7 @@ class World:
         waypoints: npt.ArrayLike | None = None,
         spawn_box: npt.ArrayLike | None = None,
     ) -> World:
-        """Return the same world with these markers, and no others.
+        """Return {world.hpp: the same world with these markers}.
 
         ``start`` and ``goal`` are (3,) m, ``waypoints`` (K, 3) m, and ``spawn_box`` (2, 3) m, minimum and maximum
         corner.
@@ -810,9 +806,7 @@ class World:
     ) -> _F32:
         """Draw ``count`` places (count, 3) m at which a drone, level and facing +x, touches nothing.
 
-        Each place has a surface below it. The nearest triangles above and below face it. Therefore it is in the open or
-        inside a room or building, and not in the ground, below it, or inside a closed mesh. With a larger ``count``,
-        the first places stay the same.
+        {planning.hpp: Each place has ... a closed mesh}. {planning.hpp: With a larger count}.
 
         Parameters
         ----------
@@ -821,14 +815,13 @@ class World:
         seed
             Seed of the draws. The same arguments give the same places.
         clearance_m
-            Minimum distance from the drone's centre to everything. None: the radius of the drone's bounding sphere, so
-            that it can take any orientation.
+            {planning.hpp: Minimum distance from the ... any orientation}.
         max_height_m
-            Maximum height above the nearest surface underneath. A higher place gets a new height below this limit.
+            Maximum height, {planning.hpp: m above the nearest}.
         box
-            (2, 3) m, sampling region. None: `bounds`, extended upwards by ``max_height_m`` if the world has no room.
+            (2, 3) m, sampling region. None: `bounds`, {planning.hpp: extended upwards}.
         reachable_from
-            (3,) m, a place from which the drone can fly to all drawn places.
+            (3,) m, {planning.hpp: a place from which ... drawn places}.
         drone
             A `DroneModel`, or the name or path of one. None: the default drone.
         cell_m
@@ -854,12 +847,12 @@ class World:
     ) -> World:
         """Return the same world with a start and a goal drawn by `free_places`, and no other markers but ``waypoints``.
 
-        The drone can fly from one to the other. The other arguments are those of `free_places`.
+        {planning.hpp: The drone can fly ... the other}. The other arguments are those of `free_places`.
 
         Parameters
         ----------
         distance_m
-            Minimum distance from start to goal. None: a third of the horizontal diagonal of the sampling region.
+            Minimum distance from start to goal. {planning.hpp: None: a third}.
         waypoints
             Also set waypoints: the corners of the path of `plan` from start to goal. A policy without memory then finds
             its way around walls.
@@ -871,7 +864,7 @@ class World:
         """
 
     def check(self, drone: _DroneLike | None = None) -> dict[str, Any]:
-        """Return a report of properties to check before flying in a world from another source.
+        """Return a report of {world_report.hpp: properties to check}.
 
         Returns
         -------
@@ -905,10 +898,9 @@ class World:
 
         Returns
         -------
-        - ``t_hit``: (R,) m along the unit direction; inf on a miss.
-        - ``normal``: (R, 3) unit, facing the ray's origin; 0 on a miss.
-        - ``u`` and ``v``: (R,) weights of the second and third vertex of the triangle that was hit; 0 on primitives and
-          on a miss.
+        - ``t_hit``: {raycast.hpp: (R,) m along}.
+        - ``normal``: (R, 3) {raycast.hpp: unit, facing}.
+        - ``u`` and ``v``: {raycast.hpp: (R,) weights of ... was hit}; 0 on primitives and on a miss.
         - ``primitive``: (R,) int32, index into `primitives`, or the number of primitives plus the index of a triangle;
           -1 on a miss.
         - ``material``: (R,) int32, index into `materials`; -1 on a miss.
@@ -957,8 +949,8 @@ class WorldBuilder:
         Values have the same limits as in a scene file. ``base_color`` is linear RGB; on meshes and height fields it is
         multiplied by the texture's colours. ``semantic`` is the semantic id in camera images; 0 means the material's
         number plus 1. ``emissive`` is linear RGB, emitted independently of the lighting, by default 0. Meshes and
-        height fields are transparent to cameras and sunlight wherever the texture's alpha, from 0 to 1, is below
-        ``alpha_cutoff``. LiDAR rays and collisions hit whole triangles.
+        height fields are {world.hpp: transparent to cameras ... is below} ``alpha_cutoff``. LiDAR rays and collisions
+        hit whole triangles.
         """
 
     def room(self, min: Sequence[float], max: Sequence[float], material: int) -> None:
@@ -1108,16 +1100,16 @@ class WorldBuilder:
 
 @final
 class DroneModel:
-    """The body and flight model of a drone.
+    """{drone_model.hpp: The body and flight}.
 
-    The convex hull is the collision body. The optional airframe holds the coefficients of the flight model.
+    {drone_model.hpp: The convex hull is ... flight model}.
 
     Parameters
     ----------
     hull
         (V, 3) m in the body frame: 4 to 32 points whose convex hull has a volume. Such a drone has no airframe and
-        supports only kinematic motion. Default: the 650-class quadrotor ``"t650"``, 0.93 x 0.59 x 0.20 m, with its
-        airframe.
+        supports only kinematic motion. Default: the 650-class quadrotor ``"t650"``, {drone_model.hpp: 0.93 ... 0.20 m},
+        with its airframe.
     """
 
     def __init__(self, hull: npt.ArrayLike | None = None) -> None: ...
@@ -1127,7 +1119,7 @@ class DroneModel:
 
     @staticmethod
     def load(name_or_path: str | PathLike[str]) -> DroneModel:
-        """Load a bundled airframe by its name, or a JSON file by a path that ends in ``.json``."""
+        """Load a bundled airframe by its name, or {drone_model.hpp: a JSON file by}."""
 
     @staticmethod
     def names() -> list[str]:
@@ -1147,8 +1139,8 @@ class DroneModel:
     def scaled(self, *, size: float = 1.0, mass: float = 1.0) -> DroneModel:
         """Return a drone with size and mass multiplied by these factors, and a flight model that matches.
 
-        Lengths are multiplied by ``size``. Inertia, thrust, drag and lags follow Froude's law: speeds and times are
-        multiplied by the square root of ``size``, and thrust-to-weight stays the same.
+        Lengths are multiplied by ``size``. Inertia, thrust, drag and lags follow Froude's law: {airframe.hpp: speeds
+        and times are}.
         """
 
     @property
@@ -1181,9 +1173,9 @@ class Contact:
 class Bodies:
     """The bodies of a batch, in B slots of each env; `Batch.bodies` returns it.
 
-    Its arrays are read-only views into the batch. Every episode begins with the bodies of the configuration in the first
-    slots, and no others. A body that a call has placed, moved or given a velocity moves with constant velocity until
-    the next episode. Sensors see changes at their next reading. A body that leaves the world is removed.
+    Its arrays are read-only views into the batch. Every episode begins with the bodies of the configuration in the
+    first slots, and no others. {batch.hpp: A body that ... next episode}. Sensors see changes at their next reading. A
+    body that leaves the world is removed.
 
     Masks are bool: (E, B) for bodies, or (E,) for all bodies of envs; None selects all. Slots without a body are skipped.
     """
@@ -1201,15 +1193,15 @@ class Bodies:
         angular_velocity: npt.ArrayLike | None = None,
         mask: npt.ArrayLike | None = None,
     ) -> _I64:
-        """Put a body into the first free slot of each env with True in ``mask`` (E,).
+        """Put {batch.hpp: a body into ... slot of each} env with True in ``mask`` (E,).
 
         Parameters
         ----------
         body
             Its configuration.
         position, quat_wxyz, velocity, angular_velocity
-            (E, 3) m, (E, 4), (E, 3) m/s in the world frame and (E, 3) rad/s in the body frame; they replace those of
-            the configuration. Without all of them its script moves the body.
+            (E, 3) m, (E, 4), (E, 3) m/s in the world frame and (E, 3) rad/s in the body frame; they {batch.hpp: replace
+            those of}.
         mask
             The envs; None selects all.
 
@@ -1329,7 +1321,7 @@ class Lidar:
 
     @property
     def points(self) -> _F32:
-        """(N, channels, beams, 3) m, world frame; inf on a miss; a copy.
+        """{batch.hpp: (N, channels ... miss}; a copy.
 
         The points are exact only if the drone has not moved since the scan.
         """
@@ -1444,11 +1436,11 @@ class Terms:
 
 @final
 class Recipe:
-    """Everything that a batch is built from, as one value that converts to JSON and back, in Python and C++.
+    """{recipe.hpp: Everything that ... and back}, in Python and C++.
 
-    The JSON text is an object with the members ``"task"`` (null, or an object with the task's ``"name"`` and the fields
-    of its configuration), ``"worlds"``, ``"drone"`` and the fields of the batch. Missing members have the defaults of
-    the task. `DroneVectorEnv.recipe` returns the recipe of an env; `DroneVectorEnv.from_recipe` makes an env from one.
+    {recipe.hpp: The JSON text ... members} {recipe.hpp: "task" (null ... "drone"} and the fields of the batch.
+    {recipe.hpp: Missing members}. `DroneVectorEnv.recipe` returns the recipe of an env; `DroneVectorEnv.from_recipe`
+    makes an env from one.
 
     Parameters
     ----------
@@ -1461,7 +1453,7 @@ class Recipe:
     worlds: list[str]
     @property
     def drone(self) -> str | DroneModel:
-        """The name of a bundled airframe, the path of a file, or a `DroneModel`."""
+        """{recipe.hpp: The name of a ... file}, or a `DroneModel`."""
 
     @drone.setter
     def drone(self, drone: _DroneLike) -> None: ...
@@ -1684,7 +1676,7 @@ class Batch:
         *,
         rows: npt.ArrayLike | None = None,
     ) -> _Bool:
-        """Test poses: True (K,) if the drone would touch nothing there: neither its world nor a body nor another drone.
+        """Test poses: True (K,) {batch.hpp: if the drone would ... nor a body} nor another drone.
 
         Other drones count if the drones of an env touch each other, except those that begin an episode in the same
         step and have not been placed yet.
@@ -1716,9 +1708,9 @@ class Batch:
         """Set velocities (N, 3) m/s, angular velocities (N, 3) rad/s and rotor speeds (N, 4) rad/s.
 
         Velocities are in the world frame, angular velocities in the body frame. None leaves a value unchanged. One row
-        is for all drones. A drone may turn by at most half a turn per tick: angular velocities above pi times `physics_hz` raise `ValueError`.
-        After `set_pose` a drone is at rest with its rotors at hover speed. With ``rows`` (K,), the indices of drones,
-        the arrays have K rows, for these drones.
+        is for all drones. A drone may turn by at most half a turn per tick: angular velocities above pi times
+        `physics_hz` raise `ValueError`. After `set_pose` {batch.hpp: a drone is at rest}. With ``rows`` (K,), the
+        indices of drones, the arrays have K rows, for these drones.
         """
 
     def fly(
@@ -1728,7 +1720,7 @@ class Batch:
         mask: npt.ArrayLike | None = None,
         control: str | None = None,
     ) -> Contact:
-        """Fly a command (N, 4) for a number of ticks, by default for one step.
+        """Fly {batch.hpp: a command ... number of ticks}, by default for one step.
 
         ``control`` defines what the command means, for this call; None means `DynamicsConfig.control`. A batch flies
         the same bits as one configured with this control. Drones can hit obstacles; see `DynamicsConfig.on_contact`.
@@ -1764,7 +1756,8 @@ class Batch:
         """Activate slots (K,) at positions (K, 3) m, quaternions (K, 4), in worlds (K,), and `sense` there.
 
         The drones have the sensor settings of the configuration, whatever `set_lidar` and `set_camera` have changed for
-        earlier drones of these slots. As in `set_pose`, positions are not tested for collisions; `is_free` does that.
+        earlier drones of these slots. As in `set_pose`, {batch.hpp: positions are not ... collisions}; `is_free` does
+        that.
 
         Without a task, the batch grows if it has too few slots:
 
@@ -1777,9 +1770,9 @@ class Batch:
         - Without both, the drones take the lowest inactive slots of the batch, then new ones.
 
         A batch that has grown has the same bits as one that was made with its final size. Snapshots of another size are
-        refused. With a task, the batch cannot grow, and the drones of an env begin their episodes together: the slots
-        must include every drone of the env that is active or has finished. With ``episodes="each"`` they may be any: these
-        drones begin their next episodes, and their envs go on.
+        refused. With a task, the batch cannot grow, and {batch.hpp: the drones of ... together}: the slots must include
+        every drone of the env that is active or has finished. With ``episodes="each"`` they may be any: these drones
+        begin their next episodes, and their envs go on.
 
         Returns
         -------
@@ -1879,9 +1872,9 @@ class Batch:
     ) -> None:
         """Change one camera of some drones; None leaves a value unchanged.
 
-        Their frames are stale until they are rendered again. Setting only one of ``hfov_deg`` and ``vfov_deg`` clears
-        the other. ``width_px`` and ``height_px`` concern all drones, so the mask must not leave one out, and move the
-        arrays (see `generation`). They are refused with a task.
+        Their frames are stale until they are rendered again. {camera.hpp: Setting only one}. ``width_px`` and
+        ``height_px`` concern all drones, so the mask must not leave one out, and move the arrays (see `generation`).
+        They are refused with a task.
         """
 
     def set_move_line_visible(self, visible: bool, mask: npt.ArrayLike | None = None) -> None:
@@ -1945,10 +1938,8 @@ class Batch:
         With ``seeds`` (E,) uint64, each env begins the first episode of its new seed. Without, each begins its next
         episode.
 
-        With ``episodes="each"`` and without seeds, the mask may have a flag for each drone (N,): these drones then
-        begin their next episodes, while their envs go on. With ``episodes="last"`` it may too: an env begins its next
-        episode if all of its drones are selected, or one of them after all have ended. Before that, only drones whose
-        episodes have ended may be selected: this clears their flags.
+        With ``episodes="each"`` and without seeds, the mask may have a flag for each drone (N,): {batch.hpp: the
+        selected drones begin}. With ``episodes="last"`` it may too: {batch.hpp: an env begins its next}.
 
         Raises
         ------
@@ -1980,7 +1971,7 @@ class Batch:
 
     @property
     def path(self) -> _F32:
-        """(N, ticks + 1, 3) m: positions before the last flown step and after each of its ticks, as a new array.
+        """(N, ticks + 1, 3) m: positions {batch.hpp: before the last ... ticks}, as a new array.
 
         Between two of them a drone moves almost straight. Recorded for tasks that declare ``records_path``.
         """
@@ -2123,21 +2114,21 @@ def formation_places(shape: str, count: int, spacing_m: float = 1.5) -> _F32:
         the places are farther apart.
     """
 
-def color_blob(images: npt.NDArray[np.uint8], color: ColorRange, layout: str = "hwc") -> ColorBlob:
+def color_blob(image: npt.NDArray[np.uint8], color: ColorRange, layout: str = "hwc") -> ColorBlob:
     """Find a colour in images, as the camera task does: the box around all pixels of this colour.
 
     Parameters
     ----------
-    images
+    image
         rgb, uint8 of shape (..., height, width, 3), or (..., 3, height, width) with the layout ``"chw"``: one image, or
-        ``batch.camera().rgb``.
+        many, as ``batch.camera().rgb``.
     color
         The colour.
 
     Raises
     ------
     ValueError
-        The images have another dtype or shape, the layout is unknown, or the range is outside [0, 255].
+        The image has another dtype or shape, the layout is unknown, or the range is outside [0, 255].
     """
 
 @final

@@ -4,6 +4,10 @@ usage: documents.py core.pyi documents.inc
 
 Classes, properties, methods and functions have their own docstrings. The docstring of a field declared in a class comes
 from the section "Parameters" of the class. documents.cpp adds the lists of fields of configurations.
+
+What a comment of a public header says too stands only there. "{planning.hpp: Each place has}" in core.pyi stands for
+the part of a comment in planning.hpp that begins with these words, up to the end of its sentence, without the full
+stop. "{file: first words ... last words}" goes up to the last words. The case of the first letter is that in core.pyi.
 """
 
 from __future__ import annotations
@@ -11,9 +15,57 @@ from __future__ import annotations
 import ast
 import re
 import sys
+import textwrap
+from functools import cache
 from pathlib import Path
 
+ROOT = Path(__file__).resolve().parents[1]
+MARK = re.compile(r"\{(\w+\.hpp):\s([^{}]+)\}")
+PARAGRAPH = re.compile(r'^( *)(- .*(?:\n\1  \S.*)*|\S.*(?:\n\1(?!- |""")\S.*)*)$', re.MULTILINE)
+CODE = re.compile(r'`([^`]+)`|("[^" ]+"|\b[a-z]+(?:_[a-z]+)+\b)(?!\()')  # text that has double backquotes in docstrings
 PARAMETERS = re.compile(r"^Parameters\n-+\n(.*?)(?:\n\n\w+\n-+\n|\Z)", re.MULTILINE | re.DOTALL)
+
+
+@cache
+def comments(header: str) -> list[str]:
+    """Return the comments of a public header, each on one line. Successive lines of text are one comment."""
+    (path,) = ROOT.glob(f"*/include/flockstep/{header}")
+    blocks: list[list[str]] = []
+    continues = False
+    for line in path.read_text(encoding="utf-8").splitlines():
+        code, found, text = line.partition("//")
+        if found and not (continues and not code.strip()):
+            blocks.append([])
+        if found:
+            blocks[-1].append(text.strip())
+        continues = bool(found) and not code.strip()
+    return [" ".join(block) for block in blocks]
+
+
+def comment(mark: re.Match[str]) -> str:
+    """Return the part of a header's comment that a mark stands for."""
+    header, words = mark[1], " ".join(mark[2].split())
+    first, between, last = words.partition(" ... ")
+    end = f".*?{re.escape(last)}" if between else r".*?(?=\.(?: |$)|$)"
+    start = re.compile(f"(?i:{re.escape(first[0])}){re.escape(first[1:])}{end}")
+    found = [text for block in comments(header) for text in start.findall(block)]
+    if len(found) != 1:
+        raise ValueError(f"core.pyi: expected one comment of {header} that says {words!r}, got {len(found)}")
+    return CODE.sub(r"``\1\2``", first[0] + found[0][1:])
+
+
+def with_comments(text: str) -> str:
+    """Return a stub with the comments that its marks stand for."""
+
+    def filled(paragraph: re.Match[str]) -> str:
+        indent, body = paragraph.groups()
+        if not MARK.search(body):
+            return paragraph[0]
+        deeper = indent + "  " * body.startswith("- ")
+        body = MARK.sub(comment, " ".join(body.split()))
+        return textwrap.fill(body, 120, initial_indent=indent, subsequent_indent=deeper, break_on_hyphens=False)
+
+    return PARAGRAPH.sub(filled, text)
 
 
 def entries(docstring: str) -> dict[str, str]:
@@ -76,7 +128,7 @@ def documents(tree: ast.Module) -> list[tuple[str, str, str]]:
 
 def main(stub: Path, out: Path) -> None:
     """Write the table of documents as a C++ include file."""
-    rows = documents(ast.parse(stub.read_text(encoding="utf-8")))
+    rows = documents(ast.parse(with_comments(stub.read_text(encoding="utf-8"))))
     literal = 'R"doc({})doc"'
     out.write_text(
         "".join(f"{{{', '.join(literal.format(text) for text in row)}}},\n" for row in rows), encoding="utf-8"

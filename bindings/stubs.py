@@ -6,7 +6,8 @@ usage: stubs.py --stub FOLDER FILE: writes the stub of the module in a folder; t
 The stub is bindings/core.pyi with these parts replaced: "# configurations" by the classes that stand nowhere else, "#
 fields of A" by attributes and __init__ (the docstring above becomes the run-time one, which lists the fields), "#
 arrays of A" by properties, "**fields: Fields[A]" by keywords with their defaults, "Changes[A]" by keywords that are
-None by default, and "Arguments[A]" by arguments, of which the first is required.
+None by default, and "Arguments[A]" by arguments, of which the first is required. documents.py replaces marks such as
+"{planning.hpp: Each place has}".
 
 "# tasks" stands for the type _EngineTask. The parameters of a class in _core._arguments end with these arguments.
 
@@ -23,6 +24,8 @@ import sys
 import textwrap
 from pathlib import Path
 from typing import Any
+
+from documents import with_comments  # beside this file
 
 if "--stub" in sys.argv:  # the package itself is not installed yet
     sys.path.insert(0, sys.argv[2])
@@ -139,7 +142,7 @@ def with_docstrings(text: str) -> str:
 
 def stub_text() -> str:
     """Return the stub."""
-    template = TEMPLATE.read_text(encoding="utf-8")
+    template = with_comments(TEMPLATE.read_text(encoding="utf-8"))
     named = set(re.findall(r"^class (\w+)", template, re.MULTILINE))
     classes = [name for name, item in vars(_core).items() if hasattr(item, "_fields") and name not in named]
     made = "".join(f"@final\nclass {name}:\n    # fields of {name}\n\n" for name in classes)

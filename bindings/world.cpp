@@ -203,7 +203,6 @@ Lighting lighting_argument(const World& world, const py::kwargs& changes, const 
     const Input<float> rows = floats(py::module_::import("numpy").attr("atleast_2d")(tint), "tint", {-1, 3});
     const std::span<const float> values = rows;
     for (std::size_t i = 0; i < values.size(); i += 3) lighting.tint.push_back({values[i], values[i + 1], values[i + 2]});
-    if (lighting.tint.size() == 1) lighting.tint.assign(world.materials().size(), std::array(lighting.tint[0]));
   }
   return lighting;
 }

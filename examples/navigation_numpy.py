@@ -177,7 +177,7 @@ class Navigation(flockstep.Task):
             setattr(self, name, value)
 
 
-def main() -> None:
+def main(steps: int = 2000) -> None:
     """Fly the engine's tasks and these with the same random actions."""
     camera_reward = flockstep.NavigationReward(overshoot_weight=1.0)
     for config in (
@@ -192,7 +192,7 @@ def main() -> None:
         twin.reset(seed=0)
         engine.action_space.seed(0)
         worst_observation = worst_reward = 0.0
-        for _ in range(2000):
+        for _ in range(steps):
             actions = engine.action_space.sample()
             a, b = engine.step(actions), twin.step(actions)
             worst_observation = max(worst_observation, float(np.abs(a[0] - b[0]).max()))
@@ -200,7 +200,7 @@ def main() -> None:
             assert (a[2] == b[2]).all()
             assert (a[3] == b[3]).all()
         print(
-            f"{config.observation}: 70,000 steps, flags the same: observations within {worst_observation:.1e}, "
+            f"{config.observation}: {35 * steps:,} steps, flags the same: observations within {worst_observation:.1e}, "
             f"rewards {worst_reward:.1e}"
         )
 

@@ -23,8 +23,8 @@ import numpy.typing as npt
 from PIL import Image
 
 import flockstep
-from flockstep.pictures.beams import beams_of
 from flockstep.pictures.depth_canvas import DepthCanvas
+from flockstep.pictures.lines import beams_of
 from flockstep.pictures.picture import facing, render
 from flockstep.pictures.style import DARK_LIGHT
 from tools.film import FINER, Frame, Shot

@@ -41,7 +41,7 @@ OPENINGS = ("Of", "What", "Whether", "Where")
 #: A file and a part of the text: places where such a word is right.
 ALLOWED: tuple[tuple[str, str], ...] = (
     *(("tools/plain_words.py", word) for word in REFUSED),
-    *(("tests/python/tools/test_texts.py", word) for word in REFUSED),
+    *(("tests/python/tools/test_commands.py", word) for word in REFUSED),
 )
 
 _CPP = re.compile(

@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle, Wedge
 
 import flockstep
-from flockstep.pictures.beams import beams_of
+from flockstep.pictures.lines import beams_of
 from flockstep.pictures.relief import Relief
 from flockstep.pictures.third_person_view import ThirdPersonView
 

@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 import flockstep
 from flockstep.pictures.frames import normal_rgb
+from flockstep.pictures.lines import Trail
 from flockstep.pictures.picture import facing
 from flockstep.pictures.third_person_view import ThirdPersonView
-from flockstep.pictures.trail import Trail
 from tools.gallery import Image, View, picture, way_through
 
 WORLD = "playground/camera-train-1"

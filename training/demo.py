@@ -13,8 +13,8 @@ import numpy as np
 import tyro
 
 import flockstep
+from flockstep.pictures.lines import Trail
 from flockstep.pictures.third_person_view import ThirdPersonView
-from flockstep.pictures.trail import Trail
 from flockstep.sb3 import Progress
 from flockstep.trainings import UNSEEN_SEEDS, train
 from tools import catch_film

@@ -167,7 +167,7 @@ else:
             return getattr(importlib.import_module("flockstep.client"), name)
         if name == "parallel_env":
             return importlib.import_module("flockstep.multi_agent").parallel_env
-        from flockstep.nearest_name import did_you_mean
+        from flockstep.errors import did_you_mean
 
         raise AttributeError(f"module 'flockstep' has no attribute {name!r}{did_you_mean(name, __all__)}")
 

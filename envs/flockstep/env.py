@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from flockstep import serialization
 from flockstep._core import Batch
-from flockstep.arrays import refuse_masked
+from flockstep.errors import refuse_masked
 from flockstep.stepping import Observation
 from flockstep.vector_env import DroneVectorEnv, require_render_mode
 

@@ -25,7 +25,7 @@ from flockstep._core import (
     engine_tasks,
 )
 from flockstep.env_keywords import EnvKeywords
-from flockstep.nearest_name import did_you_mean
+from flockstep.errors import did_you_mean
 from flockstep.stepping import AUTORESET_MODES
 from flockstep.task import Task
 from flockstep.task_calls import TaskCalls, native_task

@@ -18,7 +18,7 @@ except ImportError as _error:
     raise type(_error)(_needed, name=_error.name) from _error
 
 from flockstep._core import Batch
-from flockstep.arrays import refuse_masked
+from flockstep.errors import refuse_masked
 from flockstep.registration import make_by_id
 from flockstep.stepping import Observation
 from flockstep.vector_env import DroneVectorEnv

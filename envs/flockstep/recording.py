@@ -13,7 +13,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from flockstep._core import NativeTask
-from flockstep.arrays import refuse_masked
+from flockstep.errors import refuse_masked
 from flockstep.progress_line import ProgressLine
 from flockstep.registration import make_by_id
 from flockstep.stepping import BoolArray

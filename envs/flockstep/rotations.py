@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from flockstep.arrays import refuse_masked
+from flockstep.errors import refuse_masked
 
 __all__ = ["quat_from_rpy", "rotate", "rpy_from_quat", "yaw_of"]
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from flockstep.nearest_name import did_you_mean
+from flockstep.errors import did_you_mean
 from flockstep.task import Task
-from flockstep.task_names import settable_names
+from flockstep.task_declarations import settable_names
 
 
 class SharedAttributes:

@@ -12,8 +12,7 @@ import numpy.typing as npt
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from flockstep.arrays import refuse_masked
-from flockstep.errors import ClosedError
+from flockstep.errors import ClosedError, refuse_masked
 
 Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]

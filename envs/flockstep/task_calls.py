@@ -13,11 +13,10 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from flockstep._core import Batch, Field, PythonTask, TaskSpec
-from flockstep.arrays import refuse_masked
-from flockstep.nearest_name import did_you_mean
+from flockstep.errors import did_you_mean, refuse_masked
 from flockstep.rotations import Array
 from flockstep.task import _NOT_STATE, MARKERS, BoolArray, Task, _constant, _name
-from flockstep.task_names import names_in, refuse_misspelt
+from flockstep.task_declarations import names_in, refuse_misspelt
 
 _SUCCESS, _INFO, _STATE = "success", "info.", "state."
 #: Infos of every task, including the names that Stable-Baselines3 uses.

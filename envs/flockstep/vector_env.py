@@ -23,7 +23,7 @@ from flockstep.pictures.frames import selected
 from flockstep.shared_attributes import SharedAttributes
 from flockstep.stepping import AUTORESET_MODES, Array, BoolArray, Observation
 from flockstep.task import DroneLike, Task
-from flockstep.task_spaces import action_space, observation_space
+from flockstep.task_declarations import action_space, observation_space
 from flockstep.world_pool import WorldPool
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from flockstep._core import _EngineTask
     from flockstep.env_keywords import EnvKeywords
-    from flockstep.pictures.trail import Trail
+    from flockstep.pictures.lines import Trail
     from flockstep.pictures.views import View
 
 

@@ -13,7 +13,6 @@
 #include "base/require.hpp"
 #include "flockstep/generators.hpp"
 #include "flockstep/world_builder.hpp"
-#include "generators/city_car.hpp"
 #include "generators/city_house.hpp"
 #include "generators/city_parts.hpp"
 #include "generators/city_surfaces.hpp"

@@ -1,7 +1,10 @@
-// Street objects of a generated city. In their frames x runs along the kerb, y points away from the road, and z = 0 is the
-// ground.
+// Street objects and cars of a generated city. In their frames x runs along the kerb, y points away from the road, and z = 0 is
+// the ground.
 #pragma once
 
+#include <memory>
+
+#include "flockstep/world.hpp"
 #include "generators/city_parts.hpp"
 #include "generators/city_surfaces.hpp"
 #include "planning/draws.hpp"
@@ -33,5 +36,18 @@ enum class Hung : std::uint8_t { nothing, flags, lamp };
 void add_cable(WorldBuilder& builder, const CitySurfaces& surfaces, const Vec3d& from, const Vec3d& to, double sag_m, Hung hung);
 // An enclosed glass bridge between two walls, given by opposite corners.
 void add_bridge(WorldBuilder& builder, const CitySurfaces& surfaces, const Vec3d& low, const Vec3d& high);
+
+enum class CarKind : std::uint8_t { hatchback, sedan, estate, taxi, van, bus };
+
+struct CarSize {
+  double length, width, height;  // m
+};
+CarSize size_of(CarKind kind);
+
+// Adds a car with its middle at the frame's origin on the road, facing along the frame's x axis.
+void add_car(WorldBuilder& builder, std::uint16_t material, const Frame& frame, CarKind kind, Draws& draws);
+
+// Returns a car as a world, for a body: it faces along x, with its middle on the ground at the origin. material: of the city.
+std::shared_ptr<const World> moving_car(const World& city, std::uint16_t material, CarKind kind, Draws& draws);
 
 }  // namespace flockstep::streets

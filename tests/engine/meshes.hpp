@@ -163,4 +163,35 @@ inline std::vector<Primitive> room_or_shapes(unsigned seed, Random& random) {
   return primitives;
 }
 
+// A texture of patches of random colours, so that a wrong texel is visible, opaque or with random alphas.
+inline Texture patches(int width, int height, int patch, unsigned seed, std::array<TextureWrap, 2> wrap,
+                       bool has_alphas = false) {
+  Random random(seed);
+  Texture texture{"patches " + std::to_string(seed), width, height, {}, wrap};
+  const auto byte = [&] { return static_cast<std::uint8_t>(random.within(0.0F, 255.0F)); };
+  std::vector<std::array<std::uint8_t, 4>> texels;
+  for (int i = 0; i < 64; ++i) texels.push_back({byte(), byte(), byte(), has_alphas ? byte() : std::uint8_t{255}});
+  for (int row = 0; row < height; ++row) {
+    for (int column = 0; column < width; ++column) {
+      const auto& texel = texels[static_cast<std::size_t>((7 * (row / patch) + 3 * (column / patch)) % 64)];
+      texture.rgba.insert(texture.rgba.end(), texel.begin(), texel.end());
+    }
+  }
+  return texture;
+}
+
+// Adds a parallelogram of two triangles with the given uv at its corners.
+inline void add_quad(SceneDescription& scene, const Vec3& at, const Vec3& u, const Vec3& v, std::uint16_t material,
+                     const std::array<std::array<float, 2>, 4>& uv) {
+  TriangleMesh& mesh = scene.mesh;
+  const auto first = static_cast<std::int32_t>(mesh.vertices.size());
+  for (const Vec3& corner : {at, Vec3(at + u), Vec3(at + u + v), Vec3(at + v)}) mesh.vertices.push_back(corner);
+  mesh.uv.insert(mesh.uv.end(), uv.begin(), uv.end());
+  mesh.triangles.push_back({first, first + 1, first + 2});
+  mesh.triangles.push_back({first, first + 2, first + 3});
+  mesh.materials.insert(mesh.materials.end(), 2, material);
+  const auto object = static_cast<std::uint16_t>(mesh.objects.empty() ? 0 : mesh.objects.back() + 1);
+  mesh.objects.insert(mesh.objects.end(), 2, object);
+}
+
 }  // namespace flockstep::testing

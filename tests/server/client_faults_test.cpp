@@ -1,5 +1,5 @@
 // The client against servers that err: gone, silent, of another version, or sending bytes that are no reply.
-#include "server/failures.hpp"
+#include "server/scripted_server.hpp"
 
 namespace flockstep {
 namespace {

@@ -1,5 +1,5 @@
 // Replies in any order, late, large or with changed bytes, and requests that are not sent.
-#include "server/failures.hpp"
+#include "server/scripted_server.hpp"
 
 namespace flockstep {
 namespace {

@@ -24,8 +24,8 @@ struct EnumNames<Episodes> {
   static constexpr std::array kNames{"team", "each", "last"};
 };
 
-// Reason for the end of an episode. If several reasons hold in one step, the first in this order counts: bad_state, success,
-// contact, left_area, time, task, teammate. engine/src/batch/episodes.cpp decides it for all tasks.
+// Reason for the end of an episode. If several reasons hold in one step, the first in this order counts: `bad_state`, `success`,
+// `contact`, `left_area`, `time`, `task`, `teammate`. engine/src/batch/episodes.cpp decides it for all tasks.
 enum class EpisodeEnd : std::uint8_t {
   none,       // the episode goes on
   success,    // success according to the task

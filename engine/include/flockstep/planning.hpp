@@ -48,7 +48,7 @@ struct FreePlacesConfig {
 
 // Draws `count` places (K, 3), m, at which the drone, level and facing +x, touches nothing. With a larger count, the first
 // places stay the same. Each place has a surface below it. The nearest triangles above and below face it. Therefore it is in
-// the open or inside a room or building, and not in the ground, below it or inside a closed body. Throws std::invalid_argument
+// the open or inside a room or building, and not in the ground, below it or inside a closed mesh. Throws std::invalid_argument
 // on a bad config, or if 100,000 draws in a row give no place.
 FLOCKSTEP_API std::vector<Vec3> free_places(const World& world, const DroneModel& drone, std::size_t count,
                                             const FreePlacesConfig& config = {});

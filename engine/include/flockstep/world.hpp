@@ -77,7 +77,8 @@ struct Material {
 // Light and colours that can differ between copies of a world. They do not affect drones and rays.
 struct Lighting {
   Light light;  // replaces the world's light
-  // Factors of the base colours, linear RGB in [0, 10]; the products are limited to 1. One per material, or empty.
+  // Factors of the base colours, linear RGB in [0, 10]; the products are limited to 1. One per material, one for all,
+  // or empty.
   std::vector<std::array<float, 3>> tint;
 };
 

@@ -29,7 +29,7 @@ std::string text(const Vec3& v) {
   return out.str();
 }
 
-std::string element(const char* list, std::size_t index) { return std::string(list) + '[' + std::to_string(index) + ']'; }
+std::string element(const std::string& list, std::size_t index) { return list + '[' + std::to_string(index) + ']'; }
 
 // `object` is a function that returns the object's name.
 template <class Name>
@@ -340,15 +340,15 @@ void Light::validate() const { check_fields(*this, "light."); }
 
 void apply_tint(std::span<const std::array<float, 3>> tint, std::vector<Material>& materials) {
   if (tint.empty()) return;
-  if (tint.size() != materials.size()) {
+  const bool is_one = tint.size() == 1;
+  if (!is_one && tint.size() != materials.size()) {
     refuse("tint", std::to_string(materials.size()) + " colours, one for each material", std::to_string(tint.size()));
   }
-  for (std::size_t i = 0; i < tint.size(); ++i) {
+  for (std::size_t i = 0; i < materials.size(); ++i) {
     for (std::size_t c = 0; c < 3; ++c) {
-      const float value = tint[i][c];
-      if (!kTints.contain(static_cast<double>(value))) {
-        refuse(element("tint", i), "numbers " + kTints.text(), std::to_string(value));
-      }
+      const float value = tint[is_one ? 0 : i][c];
+      const std::string color = is_one ? "tint" : element("tint", i);
+      require(kTints.contain(static_cast<double>(value)), element(color, c), "a number " + kTints.text(), value);
       materials[i].base_color[c] = std::min(1.0F, materials[i].base_color[c] * value);
     }
   }

@@ -6,8 +6,7 @@ any other `Source`.
 """
 
 from flockstep.bridges.ardupilot import ArduPilotBridge, PacketCounts
-from flockstep.bridges.client_source import ClientSource
 from flockstep.bridges.mcap import McapRecorder
-from flockstep.bridges.source import BatchSource, Source
+from flockstep.bridges.source import BatchSource, ClientSource, Source
 
 __all__ = ["ArduPilotBridge", "BatchSource", "ClientSource", "McapRecorder", "PacketCounts", "Source"]

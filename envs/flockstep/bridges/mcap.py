@@ -24,10 +24,9 @@ import gymnasium
 import numpy as np
 
 from flockstep._core import Batch
-from flockstep.bridges.client_source import ClientSource
 from flockstep.bridges.ros_messages import Message, cloud, definition, stamp_of, transform_of, xyz, xyzw
-from flockstep.bridges.source import BatchSource, Kind, Source
-from flockstep.nearest_name import did_you_mean
+from flockstep.bridges.source import BatchSource, ClientSource, Kind, Source
+from flockstep.errors import did_you_mean
 from flockstep.recording import actions_of
 from flockstep.registration import make_by_id
 from flockstep.rotations import rotate

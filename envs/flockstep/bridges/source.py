@@ -1,9 +1,10 @@
-"""Drones whose sensors a recorder reads."""
+"""Drones whose sensors a recorder reads: those of a batch, or of a server."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, TypeVar, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -148,3 +149,159 @@ class BatchSource:
         """Return a camera's latest image as a JPEG file, or None if it is stale."""
         index, camera = self._indices[drone], self.batch.camera(sensor)
         return None if camera.frame_step[index] < 0 else camera.jpeg(index, self._quality)
+
+
+if TYPE_CHECKING:
+    from flockstep.client import Client, TimedArrays
+
+T = TypeVar("T")
+
+_HAS_COLOURS = {"rgb", "grey"}
+
+
+class ClientSource:
+    """Drones of a server as a `Source`. Drones that are spawned later join, and removed ones leave.
+
+    `time_s` reads the poses and velocities of all drones, of one moment, in one request. A scan or an image is a
+    separate request, and the LiDAR scans then. If the drone has moved in between, the points of the scan are still
+    where the beams hit. The readings of an IMU are one request for all drones. Mountings are read when a drone appears.
+    Images of cameras without the outputs rgb and grey are left out.
+
+    >>> with flockstep.connect() as client, McapRecorder("flight.mcap", ClientSource(client)) as recorder:
+    ...     while True:
+    ...         recorder.write()
+    ...         time.sleep(0.05)
+
+    Parameters
+    ----------
+    client
+        A `Client`, which the source does not close.
+    drones
+        Indices of the drones. None: all active drones. Drones of several envs are all placed in the frame ``map``.
+    clock
+        ``"real"``: seconds since the first `time_s`, also while simulated time stands still. ``"simulated"``: the
+        simulated time of the server's steps, which steps of its program and single motions do not advance.
+    jpeg_quality
+        From 1 to 100.
+    """
+
+    def __init__(
+        self,
+        client: Client,
+        drones: Iterable[int] | None = None,
+        *,
+        clock: Literal["real", "simulated"] = "real",
+        jpeg_quality: int = 90,
+    ) -> None:
+        self._chosen = None if drones is None else {int(drone) for drone in drones}
+        if self._chosen is not None and (not self._chosen or min(self._chosen) < 0):
+            raise ValueError(f"drones: expected at least one index, each >= 0, got {sorted(self._chosen)}")
+        if clock not in ("real", "simulated"):
+            raise ValueError(f"clock: expected 'real' or 'simulated', got {clock!r}")
+        if not 1 <= jpeg_quality <= 100:
+            raise ValueError(f"jpeg_quality: expected an integer in [1, 100], got {jpeg_quality}")
+        self.client = client
+        self._is_real = clock == "real"
+        self._quality = jpeg_quality
+        named: list[tuple[str, Kind]] = [(lidar, "lidar") for lidar in client.info.lidars]
+        named += [(camera, "camera") for camera in client.info.cameras]
+        named += [(imu, "imu") for imu in client.info.imu_configs]
+        self.sensors = dict(named)
+        if len(self.sensors) != len(named):
+            raise ValueError(f"sensors: expected different names, got {[name for name, _ in named]}")
+        self._settings: dict[int, dict[str, Any]] = {}  # of each sensor, by the index of the drone
+        self._inertial: dict[str, TimedArrays] = {}  # of each IMU, since the last time_s
+        self._start_s: float | None = None
+        self._read()
+
+    def time_s(self) -> float:
+        """Read the drones, and return their time."""
+        self._read()
+        if not self._is_real:
+            return self._moment.time.time_s
+        if self._start_s is None:
+            self._start_s = self._read_s
+        return self._read_s - self._start_s
+
+    def _read(self) -> None:
+        names = ["active", "position", "quat_wxyz"]
+        if self.client.info.flies_by_rotors:
+            names += ["velocity", "angular_velocity"]
+        moment = self.client.get_arrays(names)
+        self._read_s = time.monotonic()
+        active = np.flatnonzero(moment["active"]).tolist()
+        chosen = [drone for drone in active if self._chosen is None or drone in self._chosen]
+        settings = {drone: self._settings.get(drone) or self._read_settings(drone) for drone in chosen}
+        self._settings = {drone: found for drone, found in settings.items() if found is not None}
+        self._indices = list(self._settings)
+        self.drones = [f"drone{index}" for index in self._indices]
+        self._moment: TimedArrays = moment
+        self._inertial.clear()
+
+    def poses(self) -> tuple[Array, Array]:
+        """Return position and quat_wxyz."""
+        return self._moment["position"][self._indices], self._moment["quat_wxyz"][self._indices]
+
+    def velocities(self) -> tuple[Array, Array] | None:
+        """Return velocity and angular velocity; None if the motion is kinematic."""
+        if "velocity" not in self._moment:
+            return None
+        return self._moment["velocity"][self._indices], self._moment["angular_velocity"][self._indices]
+
+    def mounting(self, sensor: str, drone: int) -> tuple[npt.ArrayLike, npt.ArrayLike]:
+        """Return position and rotation of a sensor in the body frame."""
+        if sensor in self.client.info.imu_configs:
+            imu = self.client.info.imu_configs[sensor]
+            return imu.offset_m, imu.quat_wxyz
+        settings = self._settings[self._indices[drone]][sensor]
+        return settings.offset_m, settings.quat_wxyz
+
+    def points(self, sensor: str, drone: int) -> Array:
+        """Scan, and return the hits in the sensor's frame; none if the drone has been removed."""
+        index = self._indices[drone]
+        scan = _unless_removed(lambda: self.client.drone(index).get_lidar_data(sensor))
+        if scan is None or scan.directions is None:
+            return np.empty((0, 3), np.float32)
+        is_hit = np.isfinite(scan.ranges)
+        beams = scan.ranges[is_hit][:, None] * scan.directions[is_hit].astype(np.float64)
+        placed = scan.origin + rotate(scan.quat_wxyz, beams)
+        position, quat = (array[drone].astype(np.float64) for array in self.poses())
+        in_body = rotate(quat, placed - position, inverse=True)
+        offset_m, mounting = (np.asarray(part, np.float64) for part in self.mounting(sensor, drone))
+        return rotate(mounting, in_body - offset_m, inverse=True).astype(np.float32)
+
+    def inertial(self, sensor: str, drone: int) -> tuple[Array, Array]:
+        """Return the latest specific force and angular velocity in the sensor's frame."""
+        if sensor not in self._inertial:
+            self._inertial[sensor] = self.client.get_arrays(["accelerometer", "gyroscope"], sensor=sensor)
+        readings, index = self._inertial[sensor], self._indices[drone]
+        return readings["accelerometer"][index], readings["gyroscope"][index]
+
+    def jpeg(self, sensor: str, drone: int) -> bytes | None:
+        """Return a camera's image as a JPEG file; None without colours, or if the drone has been removed."""
+        index = self._indices[drone]
+        if not _HAS_COLOURS & set(self._settings[index][sensor].outputs):
+            return None
+        remote = self.client.drone(index)
+        image = _unless_removed(lambda: remote.get_camera_data(sensor, quality=self._quality))
+        return None if image is None else bytes(image)
+
+    def _read_settings(self, index: int) -> dict[str, Any] | None:
+        """Return the settings of a drone's sensors by name; None if it has been removed."""
+        drone = self.client.drone(index)
+        read = {"lidar": drone.get_lidar_config, "camera": drone.get_camera_config}
+        return _unless_removed(
+            lambda: {sensor: read[kind](sensor) for sensor, kind in self.sensors.items() if kind in read}
+        )
+
+
+def _unless_removed(request: Callable[[], T]) -> T | None:
+    """Return the result of a request for a drone, or None if the drone has been removed."""
+    from flockstep.client import ServerError  # needs the extra packages of the client
+
+    try:
+        return request()
+    except ServerError as error:
+        if error.code != "NOT_FOUND":
+            raise
+        return None

@@ -69,7 +69,7 @@ if not _TYPE_CHECKING:
 
     def __getattr__(name: str) -> None:
         import flockstep
-        from flockstep.nearest_name import did_you_mean
+        from flockstep.errors import did_you_mean
 
         known = [*__all__, "ServerInfo.imu_configs", *(f"flockstep.{public}" for public in flockstep.__all__)]
         hint = did_you_mean(name, known) or did_you_mean(name.replace("Settings", "Config"), known)  # a former name

@@ -12,7 +12,6 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from flockstep.arrays import refuse_masked
 from flockstep.client import protocol as pb
 from flockstep.client import schema
 from flockstep.client.errors import ServerError
@@ -20,6 +19,7 @@ from flockstep.client.frames import Arrays
 from flockstep.client.protocol import RESULTS, SCHEMA, Code, Reply, Request, Subscribe
 from flockstep.client.readers import server_info
 from flockstep.client.results import ServerInfo
+from flockstep.errors import refuse_masked
 
 T = TypeVar("T")
 

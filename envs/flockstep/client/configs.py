@@ -13,7 +13,7 @@ import numpy as np
 from flockstep._core import BodyConfig, BodyMotion, World
 from flockstep.client import protocol as pb
 from flockstep.client.frames import Arrays
-from flockstep.nearest_name import did_you_mean
+from flockstep.errors import did_you_mean
 
 _T = TypeVar("_T")
 _GLB_URI = "data:model/gltf-binary;base64,"  # begins a mesh in JSON

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flockstep.arrays import refuse_masked
 from flockstep.client import protocol as pb
 from flockstep.client.bodies import RemoteBodies
 from flockstep.client.call import call
 from flockstep.client.errors import refusals
 from flockstep.client.frames import ArrayProperty, Arrays, numpy_type
 from flockstep.client.operations import BlockingOperations
+from flockstep.errors import refuse_masked
 
 _OBSERVATION, _FINAL_OBSERVATION = "observation", "final_observation"
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from flockstep._core import ImuConfig
 from flockstep.client.frames import Arrays
-from flockstep.nearest_name import did_you_mean
+from flockstep.errors import did_you_mean
 
 _F32: TypeAlias = npt.NDArray[np.float32]
 CaptureMode: TypeAlias = Literal["every_step", "on_movement", "on_demand"]

@@ -15,7 +15,7 @@ from flockstep import stepping
 from flockstep.client.operations import BlockingOperations
 from flockstep.client.remote_batch import RemoteBatch
 from flockstep.stepping import AUTORESET_MODES, Array, BoolArray, Observation
-from flockstep.task_spaces import action_space, observation_space
+from flockstep.task_declarations import action_space, observation_space
 
 
 class RemoteVectorEnv(VectorEnv[Observation, Array, Array]):

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from flockstep._core import NetworkConfig
-from flockstep.nearest_name import did_you_mean
+from flockstep.errors import did_you_mean
 
 #: Names of the features extractors that the learner has.
 FEATURES = {

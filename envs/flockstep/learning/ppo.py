@@ -17,12 +17,12 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from flockstep._core import Learner, NetworkConfig, RolloutConfig, UpdateConfig, _unexpected_keyword
+from flockstep.errors import did_you_mean
 from flockstep.learning import files, sb3_models
 from flockstep.learning.callbacks import Callbacks
 from flockstep.learning.logs import Log
 from flockstep.learning.networks import FEATURES, count_parameters, network_config, require_fits
 from flockstep.learning.sources import Episode, SingleEnvSource, Source, flat_rows, source_of
-from flockstep.nearest_name import did_you_mean
 
 #: A number, or a function of the remaining share of the training, which falls from 1 to 0.
 Schedule: TypeAlias = float | Callable[[float], float]

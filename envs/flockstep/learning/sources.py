@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
 from flockstep import stepping
 from flockstep._core import Learner
-from flockstep.arrays import real_array
+from flockstep.errors import real_array
 from flockstep.vector_env import DroneVectorEnv
 
 Array = npt.NDArray[Any]

@@ -7,6 +7,5 @@
 - `stage`, `body`: pictures of a world with drones by the engine's cameras; `style`: their looks.
 - `depth_canvas`: lines, spheres, cells and texts drawn into a picture, hidden by what is nearer.
 - `flight_overlay`: additions to pictures of Hover and Track: the target point, the line to it, the height.
-- `move_lines`: the visible move lines of drones.
-- `beams`, `trail`: start and end points of LiDAR beams, and past positions of drones.
+- `lines`: LiDAR beams, the visible move lines and the trails of drones.
 """

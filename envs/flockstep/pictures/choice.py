@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flockstep.nearest_name import did_you_mean
+from flockstep.errors import did_you_mean
 
 NAMES = ("top", "camera", "third_person", "fleet")
 STYLES = ("bright", "dark")

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from flockstep.arrays import refuse_masked
-from flockstep.nearest_name import did_you_mean
+from flockstep.errors import did_you_mean, refuse_masked
 from flockstep.pictures.depth_canvas import Color, Floats, Image
 
 if TYPE_CHECKING:

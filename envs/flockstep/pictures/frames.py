@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from flockstep.arrays import refuse_masked
-from flockstep.nearest_name import did_you_mean
+from flockstep.errors import did_you_mean, refuse_masked
 
 if TYPE_CHECKING:
     from flockstep._core import Camera

@@ -9,15 +9,13 @@ import numpy as np
 
 from flockstep._core import Batch, BodyConfig, CameraConfig, World
 from flockstep.drone_mesh import DroneMesh
-from flockstep.pictures.beams import beams_of
 from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import DepthCanvas, Floats, Image, Ints
 from flockstep.pictures.drawing import Drawing, Overlay, line_px
-from flockstep.pictures.move_lines import draw_move_lines, drones_of_env
+from flockstep.pictures.lines import Trail, beams_of, draw_move_lines, drones_of_env
 from flockstep.pictures.posed_bodies import posed_bodies
 from flockstep.pictures.stage import Stage
 from flockstep.pictures.style import STYLES
-from flockstep.pictures.trail import Trail
 from flockstep.rotations import rotate
 from flockstep.task import MARKERS
 

@@ -8,10 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import Batch, World
-from flockstep.pictures.beams import beams_of
 from flockstep.pictures.depth_canvas import Color, Floats, Image, blended, overlap, tint
 from flockstep.pictures.drawing import Drawing, Overlay, line_px
-from flockstep.pictures.move_lines import draw_move_lines, drones_of_env
+from flockstep.pictures.lines import beams_of, draw_move_lines, drones_of_env
 from flockstep.pictures.posed_bodies import outline, posed_bodies
 from flockstep.pictures.relief import SOLID, Relief
 from flockstep.rotations import rotate

@@ -10,13 +10,13 @@ import numpy.typing as npt
 
 from flockstep._core import Batch, CameraConfig, World
 from flockstep.drone_mesh import DroneMesh
-from flockstep.nearest_name import did_you_mean
+from flockstep.errors import did_you_mean
 from flockstep.pictures.choice import Choice
 from flockstep.pictures.drawing import Overlay
 from flockstep.pictures.flight_overlay import OVERLAYS
+from flockstep.pictures.lines import Trail
 from flockstep.pictures.third_person_view import ThirdPersonView
 from flockstep.pictures.top_view import TopView
-from flockstep.pictures.trail import Trail
 from flockstep.task import MARKERS
 
 Image: TypeAlias = npt.NDArray[np.uint8]

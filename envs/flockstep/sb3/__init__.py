@@ -16,6 +16,7 @@ except ImportError as _error:
     raise type(_error)(_needed, name=_error.name) from _error
 
 from flockstep.evaluation import Evaluation, evaluate, success_rates
+from flockstep.sb3.callbacks import LogTerms, Progress
 from flockstep.sb3.features import (
     BlobFeatures,
     GoalFeatures,
@@ -24,8 +25,6 @@ from flockstep.sb3.features import (
     PixelFeatures,
     PointFeatures,
 )
-from flockstep.sb3.log_terms import LogTerms
-from flockstep.sb3.progress import Progress
 from flockstep.sb3.vec_env import DroneVecEnv, make_vec
 
 __all__ = [

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 
-from flockstep.nearest_name import did_you_mean
+from flockstep.errors import did_you_mean
 from flockstep.testing.episodes import check_autoreset, check_reset_mask
 from flockstep.testing.interface import check_bad_actions, check_close, check_render, check_spaces, check_values
-from flockstep.testing.ownership import check_ownership
-from flockstep.testing.repeating import check_determinism, check_num_envs, check_seed_offset, check_snapshot
+from flockstep.testing.repeating import (
+    check_determinism,
+    check_num_envs,
+    check_ownership,
+    check_seed_offset,
+    check_snapshot,
+)
 from flockstep.testing.runs import MakeEnv, Setup
 
 

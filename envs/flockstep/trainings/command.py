@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from flockstep.errors import did_you_mean
 from flockstep.learning import progress_of
-from flockstep.nearest_name import did_you_mean
 from flockstep.progress_line import ProgressLine
 from flockstep.recording import record
 from flockstep.trainings.flying import Verdict, best_of, judge

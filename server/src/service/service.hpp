@@ -25,7 +25,6 @@
 #include "service/call.hpp"
 #include "service/executor.hpp"
 #include "service/picture.hpp"
-#include "service/rate_meter.hpp"
 #include "service/workload.hpp"
 
 namespace flockstep::server {

@@ -5,8 +5,8 @@
 #include "base/indices.hpp"
 #include "base/random.hpp"
 #include "base/srgb.hpp"
-#include "every_target.hpp"
 #include "flockstep/limits.hpp"
+#include "on_target.hpp"
 #include "random.hpp"
 #include "standard.hpp"
 

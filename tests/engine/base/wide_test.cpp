@@ -8,7 +8,7 @@
 #include <bit>
 
 #include "base/wide-inl.hpp"
-#include "every_target.hpp"
+#include "on_target.hpp"
 #include "standard.hpp"
 
 #ifndef FLOCKSTEP_WIDE_TEST_COMMON

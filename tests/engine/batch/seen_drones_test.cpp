@@ -3,7 +3,6 @@
 #include "base/pose_access.hpp"
 #include "batch_helpers.hpp"
 #include "flockstep/world_builder.hpp"
-#include "hull_oracle.hpp"
 #include "ray_oracle.hpp"
 #include "world/hull_faces.hpp"
 

@@ -5,8 +5,8 @@
 #include "batch/snapshot.hpp"
 #include "batch_helpers.hpp"
 #include "dynamics/rotor_motion.hpp"
-#include "flight_inputs.hpp"
 #include "flight_room.hpp"
+#include "flight_state.hpp"
 
 namespace flockstep {
 namespace {

@@ -11,7 +11,7 @@
 #include "collide.hpp"
 #include "collision/sweep.hpp"
 #include "dynamics/impact.hpp"
-#include "flight_inputs.hpp"
+#include "flight_state.hpp"
 #include "on_target.hpp"
 #include "prepared/prepared_world.hpp"
 

@@ -5,7 +5,6 @@
 
 #include "dynamics/downwash.hpp"
 #include "dynamics/fleet.hpp"
-#include "flight_inputs.hpp"
 #include "flight_state.hpp"
 #include "random.hpp"
 

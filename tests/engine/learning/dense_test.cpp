@@ -5,8 +5,8 @@
 #include <random>
 #include <tuple>
 
-#include "every_target.hpp"
 #include "flockstep/aligned.hpp"
+#include "on_target.hpp"
 #include "standard.hpp"
 
 namespace flockstep::learning {

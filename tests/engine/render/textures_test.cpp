@@ -2,6 +2,7 @@
 
 #include "base/srgb.hpp"
 #include "batch_helpers.hpp"
+#include "meshes.hpp"
 #include "on_target.hpp"
 #include "picture_oracle.hpp"
 
@@ -11,38 +12,6 @@ namespace {
 using namespace testing;
 using namespace flockstep::testing;
 using enum PrimitiveKind;
-
-// Patches of different colours, so that a wrong texel is visible.
-Texture patches(int width, int height, int patch, unsigned seed, std::array<TextureWrap, 2> wrap) {
-  Random random(seed);
-  Texture texture{"patches " + std::to_string(seed), width, height, {}, wrap};
-  std::vector<std::array<std::uint8_t, 3>> colors;
-  for (int i = 0; i < 64; ++i) {
-    const auto byte = [&] { return static_cast<std::uint8_t>(random.within(0.0F, 255.0F)); };
-    colors.push_back({byte(), byte(), byte()});
-  }
-  for (int row = 0; row < height; ++row) {
-    for (int column = 0; column < width; ++column) {
-      const auto& color = colors[static_cast<std::size_t>((7 * (row / patch) + 3 * (column / patch)) % 64)];
-      texture.rgba.insert(texture.rgba.end(), {color[0], color[1], color[2], 255});
-    }
-  }
-  return texture;
-}
-
-// Adds a parallelogram of two triangles with the given uv at its corners.
-void add_quad(SceneDescription& scene, const Vec3& at, const Vec3& u, const Vec3& v, std::uint16_t material,
-              const std::array<std::array<float, 2>, 4>& uv) {
-  TriangleMesh& mesh = scene.mesh;
-  const auto first = static_cast<std::int32_t>(mesh.vertices.size());
-  for (const Vec3& corner : {at, Vec3(at + u), Vec3(at + u + v), Vec3(at + v)}) mesh.vertices.push_back(corner);
-  mesh.uv.insert(mesh.uv.end(), uv.begin(), uv.end());
-  mesh.triangles.push_back({first, first + 1, first + 2});
-  mesh.triangles.push_back({first, first + 2, first + 3});
-  mesh.materials.insert(mesh.materials.end(), 2, material);
-  const auto object = static_cast<std::uint16_t>(mesh.objects.empty() ? 0 : mesh.objects.back() + 1);
-  mesh.objects.insert(mesh.objects.end(), 2, object);
-}
 
 // A floor with a repeated texture, a wall with a mirrored and clamped one, an oblique wall with rotated and sheared uv, and a
 // plain one.

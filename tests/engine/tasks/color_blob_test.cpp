@@ -3,9 +3,9 @@
 #include <iterator>
 
 #include "allocation_counter.hpp"
-#include "every_target.hpp"
 #include "flockstep/world.hpp"
 #include "imaging/color_components.hpp"
+#include "on_target.hpp"
 #include "random.hpp"
 #include "render/appearance.hpp"
 

@@ -2,8 +2,8 @@
 
 #include <bit>
 
-#include "every_target.hpp"
 #include "flockstep/pose.hpp"
+#include "on_target.hpp"
 #include "random.hpp"
 
 namespace flockstep::task {

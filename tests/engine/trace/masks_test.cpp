@@ -2,6 +2,7 @@
 
 #include "batch_helpers.hpp"
 #include "flockstep/raycast.hpp"
+#include "meshes.hpp"
 #include "on_target.hpp"
 #include "picture_oracle.hpp"
 #include "render/textures.hpp"
@@ -21,36 +22,6 @@ Texture checkers(int size) {
     }
   }
   return texture;
-}
-
-// Random colours and alphas, in patches.
-Texture speckled(int width, int height, int patch, unsigned seed, std::array<TextureWrap, 2> wrap) {
-  Random random(seed);
-  Texture texture{"speckled " + std::to_string(seed), width, height, {}, wrap};
-  const auto byte = [&] { return static_cast<std::uint8_t>(random.within(0.0F, 255.0F)); };
-  std::vector<std::array<std::uint8_t, 4>> texels;
-  for (int i = 0; i < 64; ++i) texels.push_back({byte(), byte(), byte(), byte()});
-  for (int row = 0; row < height; ++row) {
-    for (int column = 0; column < width; ++column) {
-      const auto& texel = texels[static_cast<std::size_t>((7 * (row / patch) + 3 * (column / patch)) % 64)];
-      texture.rgba.insert(texture.rgba.end(), texel.begin(), texel.end());
-    }
-  }
-  return texture;
-}
-
-// Adds a parallelogram of two triangles with the given uv at its corners.
-void add_quad(SceneDescription& scene, const Vec3& at, const Vec3& u, const Vec3& v, std::uint16_t material,
-              const std::array<std::array<float, 2>, 4>& uv) {
-  TriangleMesh& mesh = scene.mesh;
-  const auto first = static_cast<std::int32_t>(mesh.vertices.size());
-  for (const Vec3& corner : {at, Vec3(at + u), Vec3(at + u + v), Vec3(at + v)}) mesh.vertices.push_back(corner);
-  mesh.uv.insert(mesh.uv.end(), uv.begin(), uv.end());
-  mesh.triangles.push_back({first, first + 1, first + 2});
-  mesh.triangles.push_back({first, first + 2, first + 3});
-  mesh.materials.insert(mesh.materials.end(), 2, material);
-  const auto object = static_cast<std::uint16_t>(mesh.objects.empty() ? 0 : mesh.objects.back() + 1);
-  mesh.objects.insert(mesh.objects.end(), 2, object);
 }
 
 // A grid at x = 2 and a red wall at x = 4. The grid fills a 90-degree view along x with 16 x 16 texels and extends beyond it.
@@ -135,9 +106,9 @@ TEST(MaskedPictures, TheSunShinesThrough) {
 // Masks behind masks, with all wrap modes, some oblique, and surfaces without a mask next to them.
 std::shared_ptr<const World> thicket() {
   SceneDescription scene;
-  scene.textures = {speckled(32, 32, 4, 1, {TextureWrap::repeat, TextureWrap::repeat}),
-                    speckled(24, 10, 3, 2, {TextureWrap::mirror, TextureWrap::clamp}),
-                    speckled(1, 1, 1, 3, {TextureWrap::repeat, TextureWrap::mirror})};
+  scene.textures = {patches(32, 32, 4, 1, {TextureWrap::repeat, TextureWrap::repeat}, true),
+                    patches(24, 10, 3, 2, {TextureWrap::mirror, TextureWrap::clamp}, true),
+                    patches(1, 1, 1, 3, {TextureWrap::repeat, TextureWrap::mirror}, true)};
   scene.textures[2].rgba[3] = 0;
   const auto leaves = [](const char* name, std::uint16_t texture, float cutoff) {
     return Material{name, {0.9F, 0.8F, 0.7F}, 0, texture, {}, cutoff};
@@ -188,7 +159,7 @@ TEST(MaskedPictures, AgreeWithTheOracle) {
 // Neighbouring entries in a backend's arrays must not matter.
 TEST(MaskedPictures, OfSeveralWorlds) {
   SceneDescription other = grid_before_a_wall();
-  other.textures.insert(other.textures.begin(), speckled(5, 9, 1, 4, {TextureWrap::clamp, TextureWrap::mirror}));
+  other.textures.insert(other.textures.begin(), patches(5, 9, 1, 4, {TextureWrap::clamp, TextureWrap::mirror}, true));
   other.materials[1].texture = 1;
   SceneDescription plain;
   add_quad(plain, {3, -4, -2}, {0, 8, 1}, {0, -1, 6}, 0, {});
@@ -290,7 +261,7 @@ TEST(Masks, AreMadeOnlyForTransparentTriangles) {
 
 // Transparent texels do not contribute colour to coarser levels. If all texels are transparent, the colour is their plain mean.
 TEST(Masks, LevelsAreMeansByAlpha) {
-  Texture image = speckled(13, 6, 1, 3, {TextureWrap::repeat, TextureWrap::repeat});
+  Texture image = patches(13, 6, 1, 3, {TextureWrap::repeat, TextureWrap::repeat}, true);
   for (std::size_t texel : {0U, 1U, 13U, 14U, 30U}) image.rgba[4 * texel + 3] = 0;
   const render::Textures textures(std::vector<Texture>{image}, {true});
   const auto levels = oracle::mip_levels(image, true);

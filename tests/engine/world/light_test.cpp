@@ -396,10 +396,12 @@ TEST(Lighting, ShareSceneObstaclesAndTextures) {
 TEST(Lighting, AreRefusedWithTheNameOfTheField) {
   const Shared world = std::make_shared<const World>(scene());
   Lighting lighting;
-  lighting.tint = {{1, 1, 1}};
-  EXPECT_REFUSED((void)World(world, lighting), "tint: ... 3");
+  lighting.tint = {{1, 1, 1}, {1, 1, 1}};
+  EXPECT_REFUSED((void)World(world, lighting), "tint: ... 3 ... 2");
+  lighting.tint = {{1, 1, -1}};
+  EXPECT_REFUSED((void)World(world, lighting), "tint[2]: ... [0, 10] ... -1");
   lighting.tint = {{1, 1, 1}, {1, kNan, 1}, {1, 1, 1}};
-  EXPECT_REFUSED((void)World(world, lighting), "tint[1]");
+  EXPECT_REFUSED((void)World(world, lighting), "tint[1][1]");
   lighting.tint = {};
   lighting.light.sun_direction = {0, 0, 0};
   EXPECT_REFUSED((void)World(world, lighting), "light.sun_direction");

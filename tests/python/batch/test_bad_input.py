@@ -42,8 +42,8 @@ def unchanged_by(batch, call, field, *values):
         ([0], ["actions", (2,), (1,)]),
         ([[0], [0]], ["actions", (2,), (2, 1)]),
         ([0.0, 1.0], ["actions", "integers", "float64"]),
-        ([0, 6], ["actions (row 1)", 6]),
-        ([-1, 0], ["actions (row 0)", -1]),
+        ([0, 6], ["actions (row 1)", 0, "got 6"]),
+        ([-1, 0], ["actions (row 0)", 0, 6, -1]),
         (None, ["actions"]),
         (["a", "b"], ["actions"]),
         ([True, False], ["actions", "integers", "bool"]),
@@ -77,7 +77,7 @@ def test_continuous_actions(room, kind):
         ([[[0, 0]] * 2], ["position", (2, 3), (2, 2)]),
         ([[[0, 0, 1]] * 3], ["position", (2, 3), (3, 3)]),
         ([["abc"] * 2], ["position"]),
-        ([None, [[0, 0, 0, 0]] * 2], ["quat_wxyz (row 0)", "unit"]),
+        ([None, [[0, 0, 0, 0]] * 2], ["quat_wxyz (row 0)", "unit", "0.000000"]),
         ([None, [[1, 0, 0, 0], [2, 0, 0, 0]]], ["quat_wxyz (row 1)", "unit", "2.000000"]),
         ([None, [[np.nan, 0, 0, 0]] * 2], ["quat_wxyz (row 0)", np.nan]),
         ([None, [[1, 0, 0]] * 2], ["quat_wxyz", (2, 4), (2, 3)]),
@@ -92,24 +92,24 @@ def test_poses(batch, method, arguments, said):
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda b: b.spawn([5], [[0, 0, 0]]), ["indices (row 0)", 5]),
-        (lambda b: b.spawn([-1], [[0, 0, 0]]), ["indices (row 0)", -1]),
+        (lambda b: b.spawn([5], [[0, 0, 0]]), ["indices (row 0)", 0, 2, 5]),
+        (lambda b: b.spawn([-1], [[0, 0, 0]]), ["indices (row 0)", 0, 2, -1]),
         (lambda b: b.spawn([0], [[0, 0, 0], [1, 1, 1]]), ["position", (1, 3), (2, 3)]),
-        (lambda b: b.spawn([0], [[2, 4, 2]], None, [3]), ["world_index (row 0)", 3]),
-        (lambda b: b.spawn([0.5], [[2, 4, 2]]), ["indices", "integers"]),
-        (lambda b: b.remove([2]), ["indices (row 0)", 2]),
-        (lambda b: b.set_world([0, 1]), ["world_index (row 1)", 1]),
+        (lambda b: b.spawn([0], [[2, 4, 2]], None, [3]), ["world_index (row 0)", 0, 1, 3]),
+        (lambda b: b.spawn([0.5], [[2, 4, 2]]), ["indices", "integers", "float64"]),
+        (lambda b: b.remove([2]), ["indices (row 0)", 0, "got 2"]),
+        (lambda b: b.set_world([0, 1]), ["world_index (row 1)", 0, "got 1"]),
         (lambda b: b.set_world([0]), ["world_index", (2,), (1,)]),
         (lambda b: b.set_lidar(max_range_m=0.0), ["lidar.max_range_m", 0]),
         (lambda b: b.set_lidar(np.zeros(2, bool), max_range_m=-1.0), ["lidar.max_range_m", -1]),
-        (lambda b: b.set_lidar(hfov_deg=400.0), ["lidar.hfov_deg", 400]),
-        (lambda b: b.set_lidar(quat_wxyz=(0, 0, 0, 0)), ["lidar.quat_wxyz"]),
+        (lambda b: b.set_lidar(hfov_deg=400.0), ["lidar.hfov_deg", 0, 360, 400]),
+        (lambda b: b.set_lidar(quat_wxyz=(0, 0, 0, 0)), ["lidar.quat_wxyz", "unit", "0.000000"]),
         (lambda b: b.set_lidar(offset_m=(np.nan, 0, 0)), ["lidar.offset_m[0]", np.nan]),
-        (lambda b: b.set_lidar(offset_m=(1e30, 0, 0)), ["lidar.offset_m[0]"]),
+        (lambda b: b.set_lidar(offset_m=(1e30, 0, 0)), ["lidar.offset_m[0]", "-100", 1e30]),
         (lambda b: b.seed([1]), ["seeds", (2,), (1,)]),
-        (lambda b: b.seed([0.5, 1.5]), ["seeds", "integers"]),
-        (lambda b: b.random(2**31, 1), ["stream", 2**31]),
-        (lambda b: b.random(0, -1), ["count", -1]),
+        (lambda b: b.seed([0.5, 1.5]), ["seeds", "integers", "float64"]),
+        (lambda b: b.random(2**31, 1), ["stream", 0, f"got {2**31}"]),
+        (lambda b: b.random(0, -1), ["count", 0, -1]),
         (lambda b: b.reset([1, 2, 3]), ["seeds", (2,), (3,)]),
         (lambda b: b.reset(None, [True, False, True]), ["mask", (2,), (3,)]),
         (lambda b: b.restore(b"nonsense"), ["snapshot"]),
@@ -128,9 +128,9 @@ def test_other_calls(batch, call, said):
         ({"num_drones": 0, "drones_per_env": -1}, ["drones_per_env", -1]),
         ({"num_drones": 0, "task": flockstep.NavigationConfig()}, ["num_drones", "at least one drone"]),
         ({"num_drones": 1 << 21}, ["num_drones", 1 << 21]),
-        ({"num_threads": -1}, ["num_threads", -1]),
-        ({"block_size": -1}, ["block_size", -1]),
-        ({"world_index": [1]}, ["world_index", 1]),
+        ({"num_threads": -1}, ["num_threads", 0, 4096, -1]),
+        ({"block_size": -1}, ["block_size", 0, -1]),
+        ({"world_index": [1]}, ["world_index (row 0)", 0, "got 1"]),
         ({"world_index": [0, 0]}, ["world_index", (1,), (2,)]),
         ({"task": flockstep.NavigationConfig()}, ["lidar"]),
         ({"worlds": []}, ["worlds"]),
@@ -177,9 +177,9 @@ def test_bad_fields_of_configs(config):
 @pytest.mark.parametrize(
     ("fields", "said"),
     [
-        ({"channels": 1000, "beams": 1000}, ["lidar", "rays"]),
+        ({"channels": 1000, "beams": 1000}, ["lidar", "262144 rays", 1_000_000]),
         ({"offset_m": (0, np.inf, 0)}, ["lidar.offset_m[1]", np.inf]),
-        ({"quat_wxyz": (0, 0, 0, 0)}, ["lidar.quat_wxyz"]),
+        ({"quat_wxyz": (0, 0, 0, 0)}, ["lidar.quat_wxyz", "unit", "0.000000"]),
         ({"azimuth_deg": [0, 1], "elevation_deg": [0]}, ["lidar.elevation_deg", 2, 1]),
         ({"azimuth_deg": [np.nan], "elevation_deg": [0]}, ["lidar.azimuth_deg[0]", np.nan]),
         *(
@@ -202,7 +202,7 @@ def test_a_pattern_may_say_how_many_beams_it_has():
 def test_offsets_of_sensors(name):
     config = getattr(flockstep, f"{name.title()}Config")
     for bad in (100.1, -2000.5, np.nan):
-        with refused(ValueError, f"{name}.offset_m[2]", bad):
+        with refused(ValueError, f"{name}.offset_m[2]", "-100", bad):
             config(offset_m=(0, 0, bad))
     assert config(offset_m=(0, 0, -100)).offset_m[2] == -100
 
@@ -298,26 +298,35 @@ def test_worlds_that_cannot_be_navigated(closet, markers, field):
         flockstep.Batch([world], lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig())
 
 
-@pytest.mark.parametrize("hull", [[[0, 0]], [[0, 0, 0]], np.random.default_rng(0).normal(size=(33, 3))])
-def test_hulls(hull):
-    with refused(ValueError, "hull"):
+@pytest.mark.parametrize(
+    ("hull", "said"),
+    [
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], ["hull", "volume", "0.000000"]),
+        ([[0, 0, 0]], ["hull", 4, 32, 1]),
+        (np.random.default_rng(0).normal(size=(33, 3)), ["hull", 4, 32, 33]),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, np.nan]], ["hull[3]", "finite", 100]),
+        ([[0, 0]], ["hull", "(N, 3)", (1, 2)]),
+    ],
+)
+def test_hulls(hull, said):
+    with refused(ValueError, *said):
         flockstep.DroneModel(hull)
 
 
 @pytest.mark.parametrize(
-    ("field", "arguments"),
+    ("said", "arguments"),
     [
-        ("directions", {"directions": [[0, 0, 0]]}),
-        ("directions", {"directions": [[np.nan, 0, 0]]}),
-        ("directions", {"directions": [[1, 0, 0]] * 2}),
-        ("origins", {"origins": [[0, 0, np.inf]]}),
-        ("origins", {"origins": [0, 0, 1]}),
-        ("max_range_m", {"max_range_m": -1.0}),
-        ("max_range_m", {"max_range_m": np.nan}),
+        (["directions", "zero in row 0"], {"directions": [[0, 0, 0]]}),
+        (["directions", np.nan, 0], {"directions": [[np.nan, 0, 0]]}),
+        (["directions", 3, 6], {"directions": [[1, 0, 0]] * 2}),
+        (["origins", np.inf, 0], {"origins": [[0, 0, np.inf]]}),
+        (["origins", "(N, 3)", (3,)], {"origins": [0, 0, 1]}),
+        (["max_range_m", 0, -1], {"max_range_m": -1.0}),
+        (["max_range_m", 0, np.nan], {"max_range_m": np.nan}),
     ],
 )
-def test_rays(room, field, arguments):
-    with refused(ValueError, field):
+def test_rays(room, said, arguments):
+    with refused(ValueError, *said):
         room.raycast(**{"origins": [[0, 0, 1]], "directions": [[1, 0, 0]], "max_range_m": 1.0} | arguments)
 
 
@@ -350,7 +359,7 @@ def masked(*shape, dtype=np.float32):
         (lambda b: b.set_light(sun_color=(0.5, 0.5, 0.5), envs=masked(2, dtype=bool)), "envs"),
         (lambda b: flockstep.LidarConfig(offset_m=masked(3)), "offset_m"),
         (lambda b: flockstep.LidarConfig(azimuth_deg=masked(3)), "azimuth_deg"),
-        (lambda b: flockstep.color_blob(masked(8, 8, 3, dtype=np.uint8), flockstep.ColorRange()), "images"),
+        (lambda b: flockstep.color_blob(masked(8, 8, 3, dtype=np.uint8), flockstep.ColorRange()), "image"),
         (lambda b: flockstep.rotations.yaw_of(masked(4)), "quat_wxyz"),
         (lambda b: flockstep.rotations.quat_from_rpy(masked(3)), "rpy"),
     ],

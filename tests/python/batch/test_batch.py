@@ -111,6 +111,10 @@ class TestSlots:
         assert flockstep.Batch([room, closet], 5).world_index.tolist() == [0, 1, 0, 1, 0]
         assert flockstep.Batch([room, closet], 3, world_index=[1, 1, 0]).world_index.tolist() == [1, 1, 0]
 
+    def test_quaternions_close_to_unit_are_normalised(self, batch):
+        batch.set_pose(None, np.tile(1.001 * yaw(30), (3, 1)))
+        np.testing.assert_allclose(np.linalg.norm(batch.quat_wxyz, axis=1), 1, atol=1e-6)
+
 
 class TestRandom:
     def test_depends_only_on_seed_episode_and_stream(self, room):

@@ -293,8 +293,10 @@ class TestSnapshots:
         envs = flockstep.DroneVectorEnv(2, worlds="train", camera=camera(), lights=LIGHTS)
         envs.reset(seed=1)
         envs.batch.set_light(GAMMA, envs=0)
+        envs.batch.set_light(1, gamma=1.5)  # of a world
         envs.step([0, 0])
         for other in (copy.deepcopy(envs), pickle.loads(pickle.dumps(envs))):
+            assert other.batch.worlds[1].light == envs.batch.worlds[1].light
             assert [other.batch.world_of(i).light for i in range(2)] == [envs.batch.world_of(i).light for i in range(2)]
             np.testing.assert_array_equal(other.batch.camera().rgb, envs.batch.camera().rgb)
 

@@ -213,12 +213,17 @@ def test_a_lost_drone_of_a_team_row_leaves_the_others_as_in_any_other_number_of_
 
 def test_make_vec_and_wrappers_take_it(tmp_path: Any) -> None:
     env: Any = gymnasium.make_vec(
-        "flockstep/LidarNavigation-v0", num_envs=2, drones_per_env=M, max_episode_steps=10, render_mode="rgb_array"
+        "flockstep/LidarNavigation-v0",
+        num_envs=2,
+        drones_per_env=M,
+        max_episode_steps=5,
+        render_mode="rgb_array",
+        render_size=(96, 64),
     )
     assert (env.num_envs, env.num_groups, env.drones_per_env) == (2 * M, 2, M)
     env = RecordEpisodeStatistics(RecordVideo(env, str(tmp_path / "films"), episode_trigger=lambda _: True))
     env.reset(seed=[3, 4])
-    for _ in range(25):
+    for _ in range(13):  # two episodes and the beginning of a third
         env.step(env.action_space.sample())
     env.close()
     assert list(tmp_path.rglob("*.mp4"))
@@ -253,10 +258,10 @@ def test_env_calls_take_a_flag_per_env_and_drone_calls_one_per_drone() -> None:
     assert batch.world_index.tolist() == [0, 1, 2, 0]
     assert batch.random(0, 2).shape == (4, 2)
     for call in (batch.begin_episode, lambda mask: batch.seed(np.zeros(4, int), mask)):
-        with refused(ValueError, "mask"):
+        with refused(ValueError, "mask", (4,), (12,)):
             call(np.ones(12, bool))
     for call in (batch.sense, lambda mask: batch.move(batch.position, mask=mask)):
-        with refused(ValueError, "mask"):
+        with refused(ValueError, "mask", (12,), (4,)):
             call(np.ones(4, bool))
 
 
@@ -296,7 +301,7 @@ def test_without_a_task_one_drone_of_an_env_may_come_back() -> None:
     batch.spawn([1], position[[1]])
     assert batch.tick.tolist() == [1, 1], "the env's time goes on"
     assert np.isfinite(batch.lidar().ranges[1]).any()
-    with refused(ValueError, "world_index (row 0)"):
+    with refused(ValueError, "world_index (row 0)", 0, 2):
         batch.spawn([1], position[[1]], world_index=[2])
 
 

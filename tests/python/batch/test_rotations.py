@@ -50,6 +50,10 @@ def test_straight_up_or_down_is_the_same_rotation(pitch):
 
 
 def test_shapes_and_types_are_kept():
+    vectors = RNG.normal(size=(100, 3)).astype(np.float32)
+    turned = rotations.rotate(np.tile(np.float32([1, 0, 0, 0]), (100, 1)), vectors)
+    assert turned.dtype == np.float32
+    np.testing.assert_array_equal(turned, vectors)  # the identity is exact
     assert rotations.quat_from_rpy([0, 0, np.pi]).shape == (4,)
     assert rotations.rpy_from_quat(QUATS.reshape(20, 100, 4).astype(np.float32)).shape == (20, 100, 3)
     assert rotations.rpy_from_quat(QUATS.astype(np.float32)).dtype == np.float32

@@ -141,6 +141,7 @@ def test_all_marks_of_the_documents_are_complete():
 def test_kept_results_have_a_line_for_each_figure_and_a_file_for_readers(tmp_path):
     for path in sorted(table.KEPT.rglob("*.json")):
         assert path.read_text() == table.lines_of(json.loads(path.read_text())), path.name
+    assert table.TRIALS.read_text() == table.trials_text(table.read_trials())
     results = table.read(table.KEPT)
     table.write_csv(tmp_path, results)
     assert {path.stem for path in tmp_path.iterdir()} == set(results)

@@ -86,6 +86,7 @@ def test_number_of_envs(count):
         ({"lidar": flockstep.LidarConfig(beams=7)}, "lidars"),
         ({"step_m": 0.2}, "task"),
         ({"policy_hz": 20}, "clock.policy_hz"),
+        ({"bodies": flockstep.BodyConfig()}, "bodies"),
     ],
 )
 def test_a_snapshot_of_another_env(other, field, closet):

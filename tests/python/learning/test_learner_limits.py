@@ -107,7 +107,7 @@ def test_bad_numbers_are_refused_and_change_nothing():
                 call(wrong)
         with refused(FloatingPointError, "reward", "in row 1"):
             learner.record(0, np.float32([0, bad, 0]), no, no)
-        with refused(FloatingPointError, "final_observation"):
+        with refused(FloatingPointError, "final_observation", "in row 2"):
             learner.record(0, np.zeros(3), no, ~no, wrong)
     after = learner.parameters, *learner.observation_moments, *learner.return_moments, learner.discounted_returns
     for expected, got in zip(state, after, strict=True):
@@ -127,7 +127,7 @@ def test_actions_that_are_not_finite_are_refused():
         lambda: learner.sample(np.ones((2, 16))),
         lambda: learner.fly(0, env.batch),
     ):
-        with refused(FloatingPointError, "action"):
+        with refused(FloatingPointError, "action", "in row 0"):
             call()
     env.step(np.zeros((2, 4)))  # which still flies
 
@@ -136,35 +136,34 @@ def test_wrong_shapes_and_orders_of_calls_are_refused():
     learner = make_learner()
     good, no, none = np.ones((3, 5), np.float32), np.zeros(3, bool), np.zeros(3)
     wrong = functools.partial(refused, (ValueError, TypeError))
-    with wrong("finish"):
+    with wrong("finish", 2048, 0):
         learner.finish(np.ones((0, 5)))
-    with wrong("update"):
+    with wrong("update", 0):
         learner.update(_core.UpdateConfig())
     learner.begin(_core.RolloutConfig(n_steps=2), 3)
-    for observation in (
-        np.ones((3, 4)),
-        np.ones((2, 5)),
-        np.ones(5),
-        np.ones((3, 5, 1)),
-        "text",
-        None,
-        good.astype(object),
-    ):
-        with wrong("observation"):
+    for shape in ((3, 4), (2, 5), (5,), (3, 5, 1)):
+        with wrong("observation", (3, 5), shape):
+            learner.act(0, np.ones(shape))
+    for observation, got in (("text", "<U4"), (None, None), (good.astype(object), "object")):
+        with wrong("observation", "real numbers", got):
             learner.act(0, observation)
     with wrong("t", 0, 1):
         learner.act(1, good)
-    for skipped in (np.zeros(2, bool), none, "no"):
-        with wrong("skipped"):
+    for skipped, got in ((np.zeros(2, bool), (2,)), (none, "float64"), ("no", "<U2")):
+        with wrong("skipped", got):
             learner.act(0, good, skipped)
     learner.act(0, good)
-    for field, array in (("reward", np.zeros(2)), ("terminated", none), ("truncated", np.zeros(4, bool))):
-        with wrong(field):
+    for field, array, got in (
+        ("reward", np.zeros(2), (2,)),
+        ("terminated", none, "float64"),
+        ("truncated", np.zeros(4, bool), (4,)),
+    ):
+        with wrong(field, got):
             learner.record(0, **({"reward": none, "terminated": no, "truncated": no} | {field: array}))
     with wrong("final_observation"):
         learner.record(0, none, no, ~no)
     learner.record(0, none, no, no)
-    with wrong("finish"):
+    with wrong("finish", 2, 1):
         learner.finish(good)
     learner.act(1, good)
     learner.record(1, none, no, no)
@@ -172,13 +171,14 @@ def test_wrong_shapes_and_orders_of_calls_are_refused():
     with wrong("discounted_returns", 3, 2):
         learner.discounted_returns = [0.0, 1.0]
     for order in ([6], [-1], [0] * 7):
-        with wrong("order"):
+        with wrong("order", len(order)):
             learner.update(_core.UpdateConfig(n_epochs=2), order)
-    for minibatch in ([], [6], [-1]):
-        with wrong("minibatch"):
+    for minibatch, got in (([], "float64"), ([6], "got 6"), ([-1], -1)):
+        with wrong("minibatch", got):
             learner.gradient(_core.UpdateConfig(), minibatch)
-    for parameters in (none, np.full(learner.parameters.size, np.nan)):
-        with wrong("parameters"):
+    size = learner.parameters.size
+    for parameters, said in ((none, (size, 3)), (np.full(size, np.nan), ("finite", np.nan))):
+        with wrong("parameters", *said):
             learner.parameters = parameters
     learner.begin(_core.RolloutConfig(n_steps=2), 3)
     with wrong("batch", "a batch with a task"):
@@ -195,10 +195,10 @@ def test_absurd_sizes_are_refused():
     with refused(ValueError, "16777216 parameters"):
         make_learner(actor_layers=[4096] * 1000)
     learner = make_learner()
-    with refused(ValueError, "n_steps"):
+    with refused(ValueError, "n_steps", 1 << 28, 1 << 48):
         learner.begin(_core.RolloutConfig(n_steps=1 << 24), 1 << 24)
     assert learner.rows == 0
-    with refused(ValueError, "batch_size"):
+    with refused(ValueError, "batch_size", 2, 1):
         make_learner().update(_core.UpdateConfig(batch_size=1))
     learner = make_learner(size=65536)
     learner.begin(_core.RolloutConfig(n_steps=2), 3)
@@ -220,9 +220,9 @@ def test_an_update_needs_a_finished_rollout():
     for t in range(steps):
         learner.act(t, np.zeros((rows, size), np.float32))
         learner.record(t, np.zeros(rows, np.float32), no, no)
-    with refused(FloatingPointError, "observation"):
+    with refused(FloatingPointError, "observation", "in row 0"):
         learner.finish(np.full((rows, size), np.nan, np.float32))
-    with refused(ValueError, "update"):
+    with refused(ValueError, "update", 2):
         learner.update(_core.UpdateConfig())
 
 

@@ -8,9 +8,9 @@ import trimesh
 from messages import refused
 
 import flockstep
+from flockstep.pictures.lines import Trail
 from flockstep.pictures.stage import Stage, _pushed
 from flockstep.pictures.third_person_view import ThirdPersonView, frustum, smoothed
-from flockstep.pictures.trail import Trail
 from flockstep.rotations import rotate
 
 LENGTH = 0.93  # of the default drone, m

@@ -3,7 +3,7 @@
 import numpy as np
 
 import flockstep
-from flockstep.pictures.beams import beams_of
+from flockstep.pictures.lines import beams_of
 from flockstep.pictures.third_person_view import ThirdPersonView
 from flockstep.pictures.top_view import TopView
 

@@ -1,9 +1,10 @@
 """help(), inspect and completion: the stub's documentation is available at run time."""
 
 import ast
-import importlib.util
+import importlib
 import inspect
 import pydoc
+import re
 from pathlib import Path
 
 import pytest
@@ -113,11 +114,31 @@ def test_fields_say_what_they_mean_and_their_defaults():
         assert f"\n{field['name']}\n    " in inspect.getdoc(config)
 
 
-def test_stub_and_documents_are_made_from_the_lists_of_the_engine():
-    path = ROOT / "bindings" / "stubs.py"
-    spec = importlib.util.spec_from_file_location("stubs", path)
-    stubs = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(stubs)
+def runs(text):
+    """Return the runs of nine words of a text."""
+    words = re.findall(r"\w+", text.lower())
+    return {*zip(*(words[i:] for i in range(9)), strict=False)}
+
+
+def test_docstrings_say_nothing_that_headers_say(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "bindings")
+    documents = importlib.import_module("documents")
+    said = set()
+    for header in ROOT.glob("*/include/flockstep/*.hpp"):
+        text = header.read_text(encoding="utf-8")
+        said |= runs(" ".join(re.findall(r"//+ ?(.*)", text)))
+        said |= runs(" ".join(re.findall(r'"((?:\\.|[^"\\])*)"', re.sub(r'"\s*"', "", text))))
+    text = (ROOT / "bindings" / "core.pyi").read_text(encoding="utf-8")
+    assert sorted(runs(text) & said) == []  # docstrings name such a comment: see bindings/documents.py
+    assert len(runs(documents.with_comments(text)) & said) > 100
+    for mark in ("{planning.hpp: Each place had}", "{planning.hpp: drone}"):  # in no comment, in several
+        with pytest.raises(ValueError, match=r"expected one comment of planning\.hpp"):
+            documents.with_comments(mark)
+
+
+def test_stub_and_documents_are_made_from_the_lists_of_the_engine(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "bindings")
+    stubs = importlib.import_module("stubs")
     assert len(stubs.DOCUMENTS) > 10
     assert STUB.read_text(encoding="utf-8") == stubs.stub_text()  # which the build writes
     for made in (stubs.TEMPLATE, stubs.ENV_KEYWORDS, stubs.CHANGES, *stubs.DOCUMENTS):

@@ -58,12 +58,16 @@ LidarConfig(beam=3)
   TypeError: LidarConfig.__init__() got an unexpected keyword argument 'beam'. Did you mean 'beams'?
 Batch([], num_drone=3)
   TypeError: Batch.__init__() got an unexpected keyword argument 'num_drone'. Did you mean 'num_drones'?
+color_blob(images=np.zeros((4, 4, 3), np.uint8), color=ColorRange())
+  TypeError: color_blob() got an unexpected keyword argument 'images'. Did you mean 'image'?
 PPO("MlpPolicy", None, lr=1e-3)
   TypeError: PPO.__init__() got an unexpected keyword argument 'lr'. Did you mean 'learning_rate'?
 made(hold_m=3)
   TypeError: hold_m: a keyword of the hover task, but another task is given
 made(task=HoverConfig(), step_m=3)
   TypeError: step_m: a keyword of the navigation, dodge, swap and formation tasks, but another task is given
+made(task=HoverConfig(), hold_x=3)
+  TypeError: DroneVectorEnv.__init__() got an unexpected keyword argument 'hold_x'. Did you mean 'hold_s'?
 made(rate_hz=3)
   TypeError: rate_hz: a field of a configuration: give it as pose_sensor=flockstep.PoseSensorConfig(rate_hz=...)
 made(policy_hz=30, clock=ClockConfig(policy_hz=20))
@@ -89,6 +93,9 @@ made(camera=3)
 Batch([HOME], lidar={"beams": 10})
   TypeError: lidar: expected a flockstep.LidarConfig, None or a sequence of flockstep.LidarConfig objects, got
   {'beams': 10}: write flockstep.LidarConfig(beams=10)
+made(lidar={})
+  TypeError: lidar: expected a flockstep.LidarConfig, None or a sequence of flockstep.LidarConfig objects, got {}: write
+  flockstep.LidarConfig()
 DynamicsConfig(wind={"gusts": 3})
   TypeError: wind: expected a flockstep.WindConfig, got {'gusts': 3}: write flockstep.WindConfig(gusts=3)
 made(lights="noon")

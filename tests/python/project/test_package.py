@@ -120,6 +120,8 @@ def test_envs_are_registered_by_import():
     [
         flockstep.LidarConfig(azimuth_deg=[0, 10], elevation_deg=[0, -10], offset_m=(0.1, 0, 0)),
         flockstep.PoseSensorConfig(orientation_noise_std_deg=2.0),
+        flockstep.RaceConfig(laps=5, start="gate"),
+        flockstep.TrackConfig(path="random", yaw="along"),
         flockstep.NavigationConfig(action="displacement", reward=flockstep.NavigationReward(step_scale=7.0)),
     ],
 )

@@ -28,14 +28,17 @@ MOST_LINES, MOST_FILES = 500, 40
 DATA = ("bench/results", "tests/fuzz/corpus")  # folders of which nobody reads a list
 
 
+def listed(*patterns: str) -> list[str]:
+    """Return the files of the checkout, new ones included, but none that git ignores."""
+    command = ["git", "ls-files", "-co", "--exclude-standard", *patterns]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+
+
 @cache
 def sources() -> dict[str, str]:
     """Return the texts of the files that are written by hand, tests and documents apart."""
-    listed = subprocess.run(
-        ["git", "ls-files", "-co", "--exclude-standard", *CODE], cwd=ROOT, capture_output=True, text=True, check=True
-    )
     suffixes = (".hpp", ".cpp", ".py", ".pyi", ".proto")
-    files = [name for name in listed.stdout.split() if name.endswith(suffixes) and not MADE.search(name)]
+    files = [name for name in listed(*CODE) if name.endswith(suffixes) and not MADE.search(name)]
     return {name: (ROOT / name).read_text(encoding="utf-8") for name in files if (ROOT / name).exists()}
 
 
@@ -114,12 +117,10 @@ def test_a_new_one_stands_in_few_files(kind: str) -> None:
 
 def sizes() -> dict[str, int]:
     """Return the lines of each file and the files of each folder that are over their limit."""
-    listed = subprocess.run(
-        ["git", "ls-files", "-co", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout.split()
-    code = [name for name in listed if name.endswith((".hpp", ".cpp", ".py")) and (ROOT / name).exists()]
+    files = [name for name in listed() if (ROOT / name).exists()]
+    code = [name for name in files if name.endswith((".hpp", ".cpp", ".py"))]
     lines = {name: (ROOT / name).read_text(encoding="utf-8").count("\n") for name in code}
-    folders = Counter(str(Path(name).parent) for name in listed if not name.startswith(DATA))
+    folders = Counter(str(Path(name).parent) for name in files if not name.startswith(DATA))
     over = {name: count for name, count in lines.items() if count > MOST_LINES}
     return over | {name: count for name, count in folders.items() if count > MOST_FILES}
 

@@ -291,9 +291,8 @@ class TestColors:
         ],
     )
     def test_bad_images(self, call, error, said):
-        field, *values = said
-        for function, images in ((flockstep.color_blob, "images"), (flockstep.color_components, "image")):
-            with refused(error, images if field == "image" else field, *values):
+        for function in (flockstep.color_blob, flockstep.color_components):
+            with refused(error, *said):
                 call(function)
         with refused(ValueError, "image"):
             flockstep.color_components(np.zeros((2, 4, 4, 3), np.uint8), RED)

@@ -12,8 +12,8 @@ from contextlib import contextmanager, suppress
 import numpy as np
 import pytest
 from ardupilot_pilot import IDLE, Controller, Pilot, parse, servo_packet
+from clients import eventually
 from messages import refused
-from raw_client import eventually
 from scipy.spatial.transform import Rotation
 
 import flockstep

@@ -10,8 +10,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from clients import eventually, in_thread
 from messages import refused
-from raw_client import eventually, in_thread
 from scripted_server import WELCOME, certificate, greeted, serving, serving_hello_only
 
 import flockstep

@@ -1,16 +1,15 @@
 """Every operation of the clients, with a server in this process, against the batch itself."""
 
-import contextlib
 import io
 import itertools
 import time
 
 import numpy as np
 import pytest
+from clients import eventually, served
 from conftest import ROOM
 from messages import refused
 from PIL import Image
-from raw_client import eventually
 
 import flockstep
 from flockstep import rotations
@@ -34,13 +33,6 @@ def make(room, **keywords):
 @pytest.fixture
 def batch(room):
     return make(room)
-
-
-@contextlib.contextmanager
-def served(batch, connect):
-    """A client of a server of this batch."""
-    with flockstep.serve(batch, port=0) as server, connect(server.address) as client:
-        yield client
 
 
 @pytest.fixture

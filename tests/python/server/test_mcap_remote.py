@@ -11,10 +11,10 @@ import time
 
 import numpy as np
 import pytest
+from clients import eventually
 from conftest import WITHOUT
 from messages import refused
 from PIL import Image
-from raw_client import eventually
 from ros_files import LOOK, TILT, Tree, cloud_of, matrix_of, quaternion, read, stamp_ns, vector
 
 import flockstep

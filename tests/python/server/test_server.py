@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from clients import Raw, eventually
 from conftest import ROOT
 from messages import refused
-from raw_client import Raw, eventually
 from websockets.exceptions import ConnectionClosed
 
 import flockstep

@@ -1,12 +1,11 @@
 """Bodies over the server: the same as the calls of a batch in this process, and what is refused."""
 
-import contextlib
 import json
 
 import numpy as np
 import pytest
+from clients import Raw, served
 from messages import refused
-from raw_client import Raw
 from test_client_vector_env import both
 
 import flockstep
@@ -35,13 +34,6 @@ def make(room, num_drones=4, bodies=(DOOR,), max_bodies=3, **keywords):
     batch = flockstep.Batch([room], num_drones, lidar=LIDAR, bodies=bodies, max_bodies=max_bodies, **keywords)
     batch.set_pose(np.tile(np.float32([2, 4, 2]), (num_drones, 1)))
     return batch
-
-
-@contextlib.contextmanager
-def served(batch, connect):
-    """A client of a server of this batch."""
-    with flockstep.serve(batch, port=0) as server, connect(server.address) as client:
-        yield client
 
 
 @pytest.fixture

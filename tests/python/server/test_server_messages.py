@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from clients import Raw, eventually, in_thread
 from messages import refused
-from raw_client import Raw, eventually, in_thread
 from websockets.exceptions import ConnectionClosed
 
 import flockstep

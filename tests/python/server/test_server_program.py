@@ -10,8 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from clients import Raw, eventually, in_thread, repeated
 from messages import refused
-from raw_client import Raw, eventually, in_thread, repeated
 from simple_tasks import Still
 
 import flockstep

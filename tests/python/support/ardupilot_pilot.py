@@ -6,7 +6,7 @@ import socket
 import struct
 
 import numpy as np
-from raw_client import eventually
+from clients import eventually
 from scipy.spatial.transform import Rotation
 
 IDLE = [1000] * 4

@@ -1,6 +1,7 @@
 """Hover and track: the engine's tasks against their NumPy twins, closed forms and hand-computed numbers."""
 
 import copy
+import pickle
 
 import gymnasium
 import numpy as np
@@ -227,15 +228,11 @@ class TestHover:
 
 
 class TestTrack:
-    def paths(self, batch, points, observation):
-        """Positions of the observed points relative to the middle, (N, points, 3) m."""
-        ways = observation[:, : 3 * points].reshape(-1, points, 3).astype(float)
-        return batch.position[:, None] + rotate(batch.quat_wxyz[:, None].astype(float), ways) - GOAL
-
     def begun(self, num_envs, **fields):
-        config = flockstep.TrackConfig(**fields)
-        batch = make(config, num_envs).batch
-        return batch, self.paths(batch, config.points, batch.observation)
+        """A batch, and the observed points relative to the middle, (N, points, 3) m."""
+        batch = make(flockstep.TrackConfig(**fields), num_envs).batch
+        ways = batch.observation[:, : 3 * fields["points"]].reshape(num_envs, -1, 3).astype(float)
+        return batch, batch.position[:, None] + rotate(batch.quat_wxyz[:, None].astype(float), ways) - GOAL
 
     @pytest.mark.parametrize("yaw", ["fixed", "along"])
     def test_figure_8(self, yaw):
@@ -266,6 +263,13 @@ class TestTrack:
         # Each of nine waves has a mean square speed of half its maximum. An average over many phases equals one over a
         # long time.
         assert np.sqrt((batch.velocity.astype(float) ** 2).sum(axis=1).mean()) == pytest.approx(2.0, rel=0.01)
+
+    @pytest.mark.parametrize("path", ["figure8", "random"])
+    def test_velocity_is_that_of_the_path(self, path):
+        batch, seen = self.begun(500, path=path, points=2, ahead_s=0.01, start_offset_m=0.0)
+        flown = (seen[:, 1] - seen[:, 0]) / 0.01
+        np.testing.assert_allclose(flown, batch.velocity, atol=0.15)  # allows acceleration times 5 ms
+        np.testing.assert_allclose(flown.mean(axis=0), batch.velocity.mean(axis=0), atol=0.01)
 
     @pytest.mark.parametrize("yaw", ["fixed", "along"])
     def test_starts(self, yaw):
@@ -344,37 +348,25 @@ class TestActions:
         assert envs.snapshot() == before
 
 
+BEYOND = {  # numbers out of the range of their field
+    **dict.fromkeys(("start_speed_mps", "start_rate_dps", "ahead_s"), (-0.1,)),
+    **dict.fromkeys(("max_distance_m", "hold_m", "hold_s", "close_m"), (0, -1)),
+    **dict.fromkeys(("size_m", "speed_mps"), (0, -1, 1001)),
+    **{"start_offset_m": (-0.1, 1001), "start_tilt_deg": (-0.1, 180.1), "points": (0, 21)},
+}
+
+
 class TestBadInput:
     @BOTH
-    @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e39])
-    def test_no_field_takes_non_finite_numbers(self, config, bad):
+    def test_numbers(self, config):
+        assert fields_of(flockstep.HoverConfig()).keys() | fields_of(flockstep.TrackConfig()).keys() > BEYOND.keys()
         for name, value in fields_of(config).items():
-            if isinstance(value, float):
+            not_finite = [(bad, []) for bad in (np.nan, np.inf, -np.inf, 1e39) if isinstance(value, float)]
+            for bad, said in [*not_finite, *((bad, [bad]) for bad in BEYOND.get(name, ()))]:
                 broken = copy.copy(config)
                 setattr(broken, name, bad)
-                with refused(ValueError, f"task.{name}"):
+                with refused(ValueError, f"task.{name}", *said):
                     flockstep.DroneVectorEnv(1, task=broken)
-
-    @pytest.mark.parametrize(
-        ("kind", "field", "bad"),
-        [
-            *((flockstep.HoverConfig, name, -0.1) for name in ("start_offset_m", "start_speed_mps", "start_rate_dps")),
-            *((flockstep.HoverConfig, "start_tilt_deg", bad) for bad in (-0.1, 180.1)),
-            *((flockstep.HoverConfig, name, bad) for name in ("max_distance_m", "hold_m", "hold_s") for bad in (0, -1)),
-            *((flockstep.TrackConfig, name, -0.1) for name in ("start_offset_m", "ahead_s")),
-            *((kind, "start_offset_m", 1001) for kind in (flockstep.HoverConfig, flockstep.TrackConfig)),
-            *((flockstep.TrackConfig, name, 1001) for name in ("size_m", "speed_mps")),
-            *((flockstep.TrackConfig, "points", bad) for bad in (0, 21)),
-            *(
-                (flockstep.TrackConfig, name, bad)
-                for name in ("size_m", "speed_mps", "max_distance_m", "close_m")
-                for bad in (0, -1)
-            ),
-        ],
-    )
-    def test_out_of_range(self, kind, field, bad):
-        with refused(ValueError, f"task.{field}", bad):
-            flockstep.DroneVectorEnv(1, task=kind(**{field: bad}))
 
     @pytest.mark.parametrize(("field", "known"), [("path", ("figure8", "random")), ("yaw", ("fixed", "along"))])
     def test_names(self, field, known):
@@ -461,16 +453,26 @@ def shaken(config, num_envs=6, **keywords):
 
 class TestRepeats:
     @BOTH
-    def test_from_a_snapshot(self, config):
-        envs = shaken(config)
-        flown(envs, 20)
-        blob = envs.snapshot()
+    def test_for_any_threads_and_number_of_envs_and_from_a_snapshot_or_a_pickle(self, config):
+        settings = {"drone": "x500", "control": "velocity", "num_threads": 1}
+        envs, other = shaken(config, **settings), shaken(config, **settings)
+        first = flown(envs, 20)
+        other.restore(envs.snapshot())
+        copied = pickle.loads(pickle.dumps(envs))
         expected = flown(envs, 30, 20)
-        envs.restore(blob)
-        np.testing.assert_array_equal(flown(envs, 30, 20), expected)
-        other = shaken(config)
-        other.restore(blob)
-        np.testing.assert_array_equal(flown(other, 30, 20), expected)
+        for each in (other, copied):
+            np.testing.assert_array_equal(flown(each, 30, 20), expected)
+        envs.restore(shaken(config, **settings).snapshot())
+        for each in (envs, shaken(config, **settings | {"num_threads": 2}), shaken(config, 70, **settings)):
+            np.testing.assert_array_equal(flown(each, 50)[:, :6], [*first, *expected])
+
+    @BOTH
+    def test_a_snapshot_of_another_configuration_is_refused(self, config):
+        for name, value in fields_of(config).items():
+            changed = copy.copy(config)
+            setattr(changed, name, {"figure8": "random", "fixed": "along"}.get(value) or value + 1)
+            with refused(ValueError, "snapshot", "task"):
+                shaken(config, 1).restore(shaken(changed, 1).snapshot())
 
     @pytest.mark.parametrize(
         ("name", "config"), [("Hover", HOVER), ("Track", tracking("random", "along"))], ids=["hover", "track"]

@@ -342,7 +342,7 @@ class TestCurriculum:
 
 
 def test_bad_configurations_are_refused():
-    with refused(ValueError, "task.speed_cap_mps"):
+    with refused(ValueError, "task.speed_cap_mps", "5.000000", "4.000000"):
         make(speed_cap_mps=(5.0, 4.0))
     with refused(ValueError, 'world "arena/hall"', 2, 0):
         make(worlds="arena/hall")
@@ -364,10 +364,12 @@ def test_the_builder_adds_gates():
     builder.gate((0, 0, 2), material)
     builder.gate((5, 0, 2), material, (0, 0, 0, 1), shape="ring", size_m=2, bar_m=0.2, solid=False)
     first, second = builder.build().gates
-    assert first["size_m"] == 1.5
+    assert (first["center"].tolist(), first["visible"]) == ([0, 0, 2], True)
+    assert (first["shape"], first["solid"], first["material"]) == ("square", True, "gate")
+    assert (first["size_m"], first["bar_m"]) == (1.5, pytest.approx(0.1))
     assert second["quat_wxyz"] == (0, 0, 0, 1)
     assert (second["shape"], second["size_m"], second["solid"]) == ("ring", 2, False)
-    with refused(ValueError, "shape"):
+    with refused(ValueError, "shape", "square", "ring", "oval"):
         builder.gate((0, 0, 2), material, shape="oval")
 
 

@@ -290,7 +290,7 @@ class TestExamples:
         assert task.end_lineno - task.lineno + 1 <= 40
 
     def test_it_trains(self, example):
-        assert example("train_my_task").main(total_timesteps=40_000) > 0.5
+        assert example("train_my_task").main(total_timesteps=24_000) > 0.5
 
     @pytest.mark.parametrize("mode", MODES)
     def test_the_lidar_task_of_terms_is_the_built_in_one(self, example, mode):
@@ -312,8 +312,8 @@ class TestExamples:
         assert ends > 35
 
     def test_the_twin_stays_close(self, example, capsys):
-        example("navigation_numpy").main()
-        assert "flags the same" in capsys.readouterr().out
+        example("navigation_numpy").main(steps=300)
+        assert capsys.readouterr().out.count("10,500 steps, flags the same") == 2
 
 
 class TestPromises:

@@ -101,6 +101,9 @@ class TestRows:
             envs.reset(options={"reset_mask": np.array([False, True, False])})
         assert envs.batch.rows.tolist() == [0, 1, 2]
 
+    def test_of_the_engines_tasks_are_all(self):
+        assert flockstep.DroneVectorEnv(3, task=flockstep.HoverConfig()).batch.rows.tolist() == [0, 1, 2]
+
     def test_need_a_task(self):
         with refused(RuntimeError, "this Batch has no task"):
             _ = flockstep.Batch([HALL]).rows
@@ -125,7 +128,7 @@ class TestRandom:
             ([-1], ("rows (row 0)", 0, 5, -1)),
             ([0.0], ("rows", "dtype float64")),
             (np.ones(5, bool), ("rows", "dtype bool")),
-            ([[0]], ("rows", -1, 1)),
+            ([[0]], ("rows", "(N,)", (1, 1))),
         ):
             with refused(ValueError, *match):
                 batch.random(0, 1, rows=rows)
@@ -171,15 +174,15 @@ class TestPlacingRows:
         before = batch.snapshot()
         point = [[0, 0, 5.0]]
         for call, match in (
-            (lambda: batch.set_pose(point, rows=[6]), ("rows (row 0)", 0, 6)),
-            (lambda: batch.set_pose(point * 3, rows=[0, 1]), ("position", 2, 3)),
+            (lambda: batch.set_pose(point, rows=[6]), ("rows (row 0)", 0, "got 6")),
+            (lambda: batch.set_pose(point * 3, rows=[0, 1]), ("position", (2, 3), (3, 3))),
             (lambda: batch.set_pose(point, None, np.ones(6, bool), rows=[0]), ("mask", "array")),
-            (lambda: batch.set_pose([[0, 0, np.nan]], rows=[0]), ("position (row 0)",)),
-            (lambda: batch.set_pose(None, [[2, 0, 0, 0]], rows=[0]), ("quat_wxyz (row 0)",)),
+            (lambda: batch.set_pose([[0, 0, np.nan]], rows=[0]), ("position (row 0)", "finite", np.nan)),
+            (lambda: batch.set_pose(None, [[2, 0, 0, 0]], rows=[0]), ("quat_wxyz (row 0)", "2.000000")),
             (lambda: batch.set_velocity(point, rows=[-1]), ("rows (row 0)", 0, 6, -1)),
-            (lambda: batch.set_velocity([[np.inf, 0, 0]], rows=[3]), ("velocity (row 0)",)),
-            (lambda: batch.set_velocity(None, [[1e9, 0, 0]], rows=[3]), ("angular_velocity (row 0)",)),
-            (lambda: batch.set_velocity(None, None, [[-1, 0, 0, 0]], rows=[3]), ("rotor_speed (row 0)",)),
+            (lambda: batch.set_velocity([[np.inf, 0, 0]], rows=[3]), ("velocity (row 0)", "+-10000", np.inf)),
+            (lambda: batch.set_velocity(None, [[1e9, 0, 0]], rows=[3]), ("angular_velocity (row 0)", 1570.8, "1e+09")),
+            (lambda: batch.set_velocity(None, None, [[-1, 0, 0, 0]], rows=[3]), ("rotor_speed (row 0)", 0, -1)),
         ):
             with refused(ValueError, *match):
                 call()
@@ -247,10 +250,10 @@ class TestBodyFrame:
         for points, match in (
             (None, ("points", 3, "None")),
             (np.zeros((39, 3)), ("points", 40, 3, 39)),
-            (np.zeros((40, 2, 4)), ("points", 40, -1, 3, 2, 4)),
+            (np.zeros((40, 2, 4)), ("points", "(40, K, 3)", (40, 2, 4))),
             (np.zeros((40, 3), bool), ("points", "dtype bool")),
-            (np.full((40, 3), 1e300), ("points",)),
-            ("here", ("points",)),
+            (np.full((40, 3), 1e300), ("points", "finite", 1e300)),
+            ("here", ("points", "<U4")),
         ):
             with refused(ValueError, *match):
                 batch.terms.to_body(points)
@@ -404,5 +407,5 @@ class TestNeighbors:
         batch = flockstep.Batch([HALL], 2, drones_per_env=2)
         with refused(ValueError, "count", 1, 0):
             batch.terms.neighbors(0)
-        with refused(ValueError, "velocity"):
+        with refused(ValueError, "velocity", (2, 3), (3, 3)):
             batch.terms.neighbors(1, np.zeros((3, 3)))

@@ -11,13 +11,15 @@ from messages import refused
 import flockstep
 
 pytest.importorskip("stable_baselines3")
-from flockstep.trainings import CHOOSING_SEEDS, UNSEEN_SEEDS, Verdict, train
-from training import board, demo, evaluate
+from flockstep.trainings import CHOOSING_SEEDS, TRAINING_SEEDS, UNSEEN_SEEDS, Verdict, table, train
+from training import board, demo, evaluate, forest_flight, rotor_navigation
 
 
 @pytest.fixture
 def small(monkeypatch):
-    """Make a recipe of two rollouts, judged by three flights."""
+    """Make a recipe of two rollouts in four worlds, judged by three flights."""
+    for module in (table, forest_flight, rotor_navigation):
+        monkeypatch.setattr(module, "TRAINING_SEEDS", TRAINING_SEEDS[:4])
 
     def make(name):
         recipe = board.TRAININGS[name]

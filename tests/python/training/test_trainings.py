@@ -27,6 +27,7 @@ FEW = {"hover": 4, "swap": 2, "dodge": 4, "formation": 2, "race": 2}
 
 def shortened(name, monkeypatch):
     """A training of two rollouts of few drones in few worlds."""
+    monkeypatch.setattr(table, "TRAINING_SEEDS", table.TRAINING_SEEDS[:4])
     training = TRAININGS[name]
     settings = {**training.settings, "n_steps": 4, "batch_size": 32, "n_epochs": 1}
     learns = dict(training.learns() if name in ("hover", "track", "race") else {})

@@ -12,7 +12,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from test_gltf import random_world
+from test_mesh_files import random_world
 
 import flockstep
 from flockstep import scenes
