@@ -12,7 +12,7 @@ from PIL import Image
 import flockstep
 from flockstep.pictures import third_person_view
 from flockstep.pictures.lines import beams_of
-from flockstep.pictures.style import DARK_LIGHT
+from flockstep.relight import DARK_LIGHT
 from flockstep.rotations import rotate
 from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, judge
 from tools import catch_film, films, flight_film, race_film, stills, track_film
