@@ -26,7 +26,7 @@ import flockstep
 from flockstep.pictures.depth_canvas import DepthCanvas
 from flockstep.pictures.lines import beams_of
 from flockstep.pictures.picture import facing, render
-from flockstep.pictures.style import DARK_LIGHT
+from flockstep.relight import DARK_LIGHT
 from tools.film import FINER, Frame, Shot
 from training.evaluate import MAX_STEPS, fly, greedy
 

@@ -20,7 +20,7 @@ import flockstep
 from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import DepthCanvas
 from flockstep.pictures.picture import facing, render
-from flockstep.pictures.style import DARK_LIGHT
+from flockstep.relight import DARK_LIGHT
 from flockstep.rotations import rotate
 from flockstep.trainings.table import LAPS
 from tools.film import FINER, Color, Frame, Shot, steps_of

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from flockstep._core import World
 from flockstep.scenes import WorldLike, load_one
 
 Range = tuple[float, float]
+
+_NIGHT = (0.02, 0.026, 0.04)
+#: Light of pictures in the dark style.
+DARK_LIGHT: dict[str, Any] = {
+    "sun_direction": (-0.35, -0.45, 1.0),
+    "sun_color": (1.0, 0.97, 0.9),
+    "sky_ambient": (0.55, 0.6, 0.7),
+    "ground_ambient": (0.25, 0.27, 0.3),
+    "zenith_color": _NIGHT,
+    "horizon_color": _NIGHT,
+}
 
 
 def relight(

@@ -4,24 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from flockstep._core import World
 from flockstep.pictures import choice
 from flockstep.pictures.depth_canvas import Color
+from flockstep.relight import DARK_LIGHT
 
 _BRIGHT_DRONE = {"middle": (0.05, 0.06, 0.08), "arm": (0.12, 0.13, 0.16), "rear": (0.08, 0.18, 0.5)}
-NIGHT = (0.02, 0.026, 0.04)
-DARK_LIGHT: dict[str, Any] = {
-    "sun_direction": (-0.35, -0.45, 1.0),
-    "sun_color": (1.0, 0.97, 0.9),
-    "sky_ambient": (0.55, 0.6, 0.7),
-    "ground_ambient": (0.25, 0.27, 0.3),
-    "zenith_color": NIGHT,
-    "horizon_color": NIGHT,
-}
 _DARKEST, _PALEST = 0.024, 0.26  # brightness of surfaces that were white and black
 _TEXTURED = 0.16  # factor of white
 _COOL = np.array([0.8, 1.0, 1.4])

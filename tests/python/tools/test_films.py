@@ -12,7 +12,7 @@ from PIL import Image
 import flockstep
 from flockstep.pictures import third_person_view
 from flockstep.pictures.lines import beams_of
-from flockstep.pictures.style import DARK_LIGHT
+from flockstep.relight import DARK_LIGHT
 from flockstep.rotations import rotate
 from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, judge
 from tools import catch_film, films, flight_film, race_film, stills, track_film
@@ -318,9 +318,10 @@ def test_the_path_is_drawn_where_the_twin_says(by_controller, example):
     red, green, blue = np.asarray(scene.picture(by_controller, 0), int).transpose(2, 0, 1)
     rows, columns = np.nonzero((green > red + 15) & (green > blue + 15))
     drawn = np.stack([columns, rows], axis=1) + 0.5
-    expected = scene._still.project(path)[:, :2] / FINER
+    canvas = scene._stage.seen_from(*scene._view)
+    expected = canvas.project(path)[:, :2]
     apart = np.linalg.norm(drawn[:, None] - expected, axis=2)
-    at_start = scene._still.project(path[:1])[0, :2] / FINER  # the drone and the point are there
+    at_start = canvas.project(path[:1])[0, :2]  # the drone and the point are there
     assert (apart.min(axis=1) < 2)[np.linalg.norm(drawn - at_start, axis=1) > 20].all()
     assert (apart.min(axis=0) < 2)[np.linalg.norm(expected - at_start, axis=1) > 40].all()
     assert np.ptp(columns) > 0.7 * 640
