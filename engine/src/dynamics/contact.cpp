@@ -35,6 +35,13 @@ std::vector<Vec3> vertices_of(const collision::Hull& hull) {
 
 }  // namespace
 
+ContactResolver::ContactResolver(const collision::Hull& hull, const collision::Corners& corners)
+    : hull_(hull), corners_(corners), planes_(vertices_of(hull)), manifolds_(1) {
+  order_.reserve(1);
+  segments_.reserve(1);
+  events_.reserve(1);
+}
+
 void ContactResolver::resolve(std::span<GroupMember* const> drones, const collision::Obstacles& obstacles,
                               const collision::MovingBodies& bodies, const DynamicsConfig& config) {
   drones_ = drones;
@@ -88,7 +95,6 @@ void ContactResolver::resolve(std::span<GroupMember* const> drones, const collis
 
 // Sorts the drones, which are numbered by that order from here on, that of their x, and begins their paths.
 void ContactResolver::begin() {
-  if (drones_.size() > 1 && !planes_) planes_.emplace(vertices_of(hull_));
   events_.clear();
   manifolds_.resize(std::max(manifolds_.size(), drones_.size()));
   order_.resize(drones_.size());
@@ -97,13 +103,17 @@ void ContactResolver::begin() {
     const float x = drones_[a]->motion.from.position.x(), other_x = drones_[b]->motion.from.position.x();
     return x != other_x ? x < other_x : order_of(*drones_[a]) < order_of(*drones_[b]);
   });
-  segments_.assign(drones_.size(), {});
+  segments_.clear();
   farthest_ = 0.0F;
-  for (std::size_t a = 0; a < segments_.size(); ++a) {
+  for (std::size_t a = 0; a < drones_.size(); ++a) {
     const TickMotion& motion = drone(a).motion;
     manifolds_[a].points.clear();
-    segments_[a] = {.left_s = motion.duration_s, .from = motion.from, .to = motion.to, .first = motion.begin, .last = motion.end};
-    segments_[a].stands = drone(a).has_contact;
+    segments_.push_back({.left_s = motion.duration_s,
+                         .from = motion.from,
+                         .to = motion.to,
+                         .first = motion.begin,
+                         .last = motion.end,
+                         .stands = drone(a).has_contact});
     set_box(segments_[a]);
     farthest_ = std::max(farthest_, std::exchange(drone(a).reach, 0.0F));
   }
@@ -120,7 +130,7 @@ void ContactResolver::set_box(Segment& segment) const {
       2.25F;  // an upper bound of a turn (rad) over the distance of the quaternions, at most pi / sqrt(2)
   const auto &from = segment.from.rotation.coeffs(), &to = segment.to.rotation.coeffs();
   const float turn = kTurnPerChange * std::min((to - from).norm(), (to + from).norm());
-  const Vec3 half = segment.from.rotation.toRotationMatrix().cwiseAbs() * planes_->half_extents +
+  const Vec3 half = segment.from.rotation.toRotationMatrix().cwiseAbs() * planes_.half_extents +
                     Vec3::Constant(turn * hull_.radius() + margin(segment.from.position.cwiseAbs().maxCoeff()));
   segment.low = segment.from.position.cwiseMin(segment.to.position) - half;
   segment.high = segment.from.position.cwiseMax(segment.to.position) + half;
@@ -128,10 +138,9 @@ void ContactResolver::set_box(Segment& segment) const {
 
 // Returns true if a point is nearer than `reach` (m) to the planes of all faces of a drone, or on their inner sides.
 bool ContactResolver::is_near(const Pose& pose, const Vec3& point, float reach) const {
-  const trace::HullPlanes& planes = *planes_;
   const Vec3 local = pose.rotation.conjugate() * (point - pose.position);
-  for (std::size_t i = 0; i < planes.count; ++i) {
-    if (planes.x[i] * local.x() + planes.y[i] * local.y() + planes.z[i] * local.z() - planes.offset[i] >= reach) return false;
+  for (std::size_t i = 0; i < planes_.count; ++i) {
+    if (planes_.x[i] * local.x() + planes_.y[i] * local.y() + planes_.z[i] * local.z() - planes_.offset[i] >= reach) return false;
   }
   return true;
 }
@@ -222,7 +231,7 @@ void ContactResolver::reach(std::size_t a, const Pose& pose) {
   drone(a).reach = std::max(drone(a).reach, (pose.position - began(a)).norm());
 }
 
-void ContactResolver::stop(std::size_t a, double time, double left_s, const Pose& pose, const Velocity& velocity) {
+void ContactResolver::stop(std::size_t a, double time, double left_s, const Pose& pose, Velocity velocity) {
   Segment& segment = segments_[a];
   segment = {.begin = time,
              .left_s = left_s,
@@ -280,6 +289,7 @@ Velocity ContactResolver::velocity_after(const Segment& segment, std::size_t a, 
 }
 
 void ContactResolver::handle(const Event& event) {
+  if (segments_.size() == 1) events_.clear();
   std::erase_if(events_, [&](const Event& other) {
     const auto is_one_of = [&](std::size_t drone) { return drone != kNone && (drone == event.a || drone == event.b); };
     return is_one_of(other.a) || is_one_of(other.b);
@@ -311,7 +321,7 @@ double ContactResolver::moved(std::size_t a, float share) const {
 
 void ContactResolver::hit_world(const Event& event) {
   const std::size_t a = event.a;
-  const Segment segment = segments_[a];
+  const Segment& segment = segments_[a];
   const MovingContact& contact = event.contact;
   const Pose pose = collision::interpolate(segment.from, segment.to, contact.fraction);
   const double left_s = segment.left_s * (1.0 - static_cast<double>(contact.fraction));

@@ -3,7 +3,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -52,11 +51,11 @@ inline TickMotion standing(const Pose& pose, double duration_s) { return {pose, 
 // squeezed; contact.inside says so.
 //
 // All drones have the same hull. The result does not depend on their order, unless some have equal motions. Make a resolver once;
-// resolving allocates only if there are more drones, or more contacts to come, than ever before.
+// resolving allocates only if there are several drones, and more drones, or more contacts to come, than ever before.
 class ContactResolver {
  public:
   // corners: of the hull; both must outlive the resolver.
-  ContactResolver(const collision::Hull& hull, const collision::Corners& corners) : hull_(hull), corners_(corners) {}
+  ContactResolver(const collision::Hull& hull, const collision::Corners& corners);
 
   // bodies: the moving objects of the env; their count may be 0. Polls for interrupts if there are several drones.
   void resolve(std::span<GroupMember* const> drones, const collision::Obstacles& obstacles, const collision::MovingBodies& bodies,
@@ -114,7 +113,7 @@ class ContactResolver {
   Pose pose_at(std::size_t a, double time) const;
   void record(std::size_t a, const collision::MovingContact& contact, double time, std::int32_t other);
   void reach(std::size_t a, const Pose& pose);
-  void stop(std::size_t a, double time, double left_s, const Pose& pose, const Velocity& velocity);
+  void stop(std::size_t a, double time, double left_s, const Pose& pose, Velocity velocity);
   void rebound(std::size_t a, double time, double left_s, const Pose& pose, const Velocity& after, const Velocity& at_end);
   Velocity velocity_after(const Segment& segment, std::size_t a, float share) const;
   void handle(const Event& event);
@@ -131,7 +130,7 @@ class ContactResolver {
 
   const collision::Hull& hull_;
   const collision::Corners& corners_;
-  std::optional<trace::HullPlanes> planes_;  // for several drones
+  const trace::HullPlanes planes_;
   std::span<GroupMember* const> drones_;
   const collision::Obstacles* obstacles_ = nullptr;
   collision::MovingBodies bodies_;

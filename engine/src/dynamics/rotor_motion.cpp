@@ -31,6 +31,20 @@ void set(const Quat& q, std::size_t lane, Lanes<4>& lanes) {
   lanes[3][lane] = q.z();
 }
 
+float* path_of(const FlightContext& context, std::size_t drone, int tick) {
+  const std::size_t row = context.path.size() / context.fleet.open.world.size();
+  return context.path.data() + row * drone + 3 * static_cast<std::size_t>(tick);
+}
+
+// Stores the drone's position as that after this tick and, in case the drone stays there, after all later ones.
+void store_rest_of_path(const FlightContext& context, DroneIndex drone, int tick) {
+  if (context.path.empty()) return;
+  float* const end = path_of(context, drone + std::size_t{1}, 0);
+  for (float* to = path_of(context, drone, tick + 1); to < end; to += 3) {
+    std::copy_n(context.state.position.data() + 3 * drone, 3, to);
+  }
+}
+
 // The flight of one group of drones.
 class GroupFlight {
  public:
@@ -262,26 +276,13 @@ class GroupFlight {
   // Memory for the path of a leg; null if it is not recorded.
   Lanes<3>* path_of_leg() { return context_.path.empty() && !has_deviation() ? nullptr : context_.scratch.path.data(); }
 
-  float* path_of(std::size_t lane, int tick) {
-    const std::size_t row = context_.path.size() / fleet_.open.world.size();
-    return context_.path.data() + row * group_[lane] + 3 * static_cast<std::size_t>(tick);
-  }
-
   // Stores the recorded leg of a drone.
   void store_path(std::size_t lane, int first_tick, int ticks) {
-    float* to = path_of(lane, first_tick + 1);
+    float* to = path_of(context_, group_[lane], first_tick + 1);
     for (int tick = 0; tick < ticks; ++tick) {
       const Lanes<3>& travelled = context_.scratch.path[static_cast<std::size_t>(tick)];
       for (std::size_t axis = 0; axis < 3; ++axis) *to++ = flock_.origin[axis][lane] + travelled[axis][lane];
     }
-  }
-
-  // Stores the drone's position as that after this tick and, in case the drone stays there, after all later ones.
-  void store_rest_of_path(std::size_t lane, int tick) {
-    if (context_.path.empty()) return;
-    const float* const position = state_.position.data() + 3 * group_[lane];
-    float* const end = path_of(lane, 0) + context_.path.size() / fleet_.open.world.size();
-    for (float* to = path_of(lane, tick + 1); to < end; to += 3) std::copy_n(position, 3, to);
   }
 
   // Computes the free radius that each drone needs and checks it against the cached open space. The loops have no branches, so
@@ -338,7 +339,7 @@ class GroupFlight {
         give_up(lane);
         if (has_bodies()) push(lane, tick);
       }
-      store_rest_of_path(lane, tick);
+      store_rest_of_path(context_, group_[lane], tick);
     }
   }
 
@@ -412,6 +413,23 @@ class GroupFlight {
   Lane detour_{};                               // m, see note_detour()
 };
 
+// Calls f(group) for the groups of drones, with the physics of their commands.
+template <class F>
+void for_each_group(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, const F& f) {
+  const auto with = [&](const Physics& physics) {
+    while (!drones.empty()) {
+      GroupFlight group(context, physics, drones);
+      f(group);
+    }
+  };
+  const Control usual = context.fleet.config.control;
+  if (const Control control = commands.control.value_or(usual); control != usual) {
+    with(context.fleet.physics_for(control));
+  } else {
+    with(context.fleet.physics);
+  }
+}
+
 }  // namespace
 
 void update_accelerations(const FlightContext& context, std::span<const DroneIndex> drones) {
@@ -421,28 +439,12 @@ void update_accelerations(const FlightContext& context, std::span<const DroneInd
 }
 
 void fly(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, int first_tick, int ticks) {
-  const auto fly_with = [&](const Physics& physics) {
-    while (!drones.empty()) GroupFlight(context, physics, drones).fly(commands, first_tick, ticks);
-  };
-  const Control usual = context.fleet.config.control;
-  if (const Control control = commands.control.value_or(usual); control != usual) {
-    fly_with(context.fleet.physics_for(control));
-  } else {
-    fly_with(context.fleet.physics);
-  }
+  for_each_group(context, drones, commands, [&](GroupFlight& group) { group.fly(commands, first_tick, ticks); });
 }
 
 void record_motions(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, int tick,
                     const MemberTable& table) {
-  const auto record_with = [&](const Physics& physics) {
-    while (!drones.empty()) GroupFlight(context, physics, drones).record(commands, tick, table);
-  };
-  const Control usual = context.fleet.config.control;
-  if (const Control control = commands.control.value_or(usual); control != usual) {
-    record_with(context.fleet.physics_for(control));
-  } else {
-    record_with(context.fleet.physics);
-  }
+  for_each_group(context, drones, commands, [&](GroupFlight& group) { group.record(commands, tick, table); });
 }
 
 void write_result(const FlightContext& context, DroneIndex drone, const GroupMember& member, int tick) {
@@ -462,12 +464,7 @@ void write_result(const FlightContext& context, DroneIndex drone, const GroupMem
   } else if (member.contact.inside && state.contact.hit[drone]) {
     state.contact.inside[drone] = 1;
   }
-  if (context.path.empty()) return;
-  const std::size_t row = context.path.size() / context.fleet.open.world.size();
-  float* const end = context.path.data() + row * (drone + std::size_t{1});
-  for (float* to = context.path.data() + row * drone + 3 * static_cast<std::size_t>(tick + 1); to < end; to += 3) {
-    std::copy_n(state.position.data() + 3 * drone, 3, to);
-  }
+  store_rest_of_path(context, drone, tick);
 }
 
 }  // namespace flockstep::dynamics
