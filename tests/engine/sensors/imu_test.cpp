@@ -1,4 +1,4 @@
-#include "flockstep/imu.hpp"
+#include "flockstep/sensors/imu.hpp"
 
 #include "batch_helpers.hpp"
 
