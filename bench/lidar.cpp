@@ -235,8 +235,7 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
                         }});
   };
   variants.push_back({"engine", [&batch] { batch.sense(); }});
-  if (has_primitives)
-    add("bare direct", [&](std::size_t w) { direct[w].lidar(lidar.max_range_m).scan(DroneIndex(beams), per_drone); });
+  if (has_primitives) add("bare direct", [&](std::size_t w) { direct[w].scan(beams, per_drone, lidar.max_range_m); });
   const std::size_t first_analytic = variants.size();
   std::size_t first_triangles = first_analytic;
   for (const bool tessellated : {false, true}) {

@@ -1162,7 +1162,7 @@ class Bodies:
     """The bodies of a batch, in B slots of each env; `Batch.bodies` returns it.
 
     Its arrays are read-only views into the batch. Every episode begins with the bodies of the configuration in the
-    first slots, and no others. {batch.hpp: A body that ... next episode}. Sensors see changes at their next reading. A
+    first slots, and no others. {batch.hpp: An object that ... next episode}. Sensors see changes at their next reading. A
     body that leaves the world is removed.
 
     Masks are bool: (E, B) for bodies, or (E,) for all bodies of envs; None selects all. Slots without a body are skipped.
@@ -1181,7 +1181,7 @@ class Bodies:
         angular_velocity: npt.ArrayLike | None = None,
         mask: npt.ArrayLike | None = None,
     ) -> _I64:
-        """Put {batch.hpp: a body into ... slot of each} env with True in ``mask`` (E,).
+        """Put {batch.hpp: an object into ... slot of each} env with True in ``mask`` (E,).
 
         Parameters
         ----------
