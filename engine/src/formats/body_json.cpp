@@ -62,10 +62,8 @@ WorldField mesh_elsewhere(const nlohmann::json& body, const std::string& place, 
 
 std::vector<BodyConfig> read_bodies(const json::JsonField& field, const std::filesystem::path& folder, MeshFiles files) {
   const std::size_t count = json::require_array(field, "an array").size();
-  if (count > keys::kBodies.most) {
-    refuse(field, "at most " + std::to_string(keys::kBodies.most) + ' ' + std::string(keys::kBodies.name), count);
-  }
-  const std::string list = field.source + ": " + std::string(keys::kBodies.name);
+  check_count(kMaxBodies, field, "bodies");
+  const std::string list = field.source + ": bodies";
   std::vector<BodyConfig> bodies(count);
   for (std::size_t i = 0; i < count; ++i) {
     Interrupt::poll();

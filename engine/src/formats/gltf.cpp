@@ -25,7 +25,6 @@
 #include "formats/names.hpp"
 #include "formats/placement.hpp"
 #include "world/scene_description.hpp"
-#include "world/scene_keys.hpp"
 
 namespace flockstep {
 namespace {
@@ -502,8 +501,7 @@ class GltfReader {
   std::size_t begin_body(const GltfNode& node, const Placed& at, const Eigen::Affine3d& place) {
     const std::string name = field("nodes", at.node) + "/extras/" + kGltfBody;
     if (at.body != kNone) refuse(name, "no body inside another one", "one");
-    require(scene().bodies.size() < keys::kBodies.most, name, "at most " + std::to_string(keys::kBodies.most) + " bodies",
-            "more");
+    require(scene().bodies.size() < kMaxBodies, name, "at most " + std::to_string(kMaxBodies) + " bodies", "more");
     Eigen::Matrix3d axes = place.linear() * upright().linear().inverse();
     const Vec3d scale = axes.colwise().norm();
     axes.array().rowwise() /= scale.transpose().array();

@@ -4,10 +4,10 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <sstream>
 #include <string>
 #include <utility>
 
+#include "base/check_fields.hpp"
 #include "base/config_values.hpp"
 #include "base/interrupt.hpp"
 #include "formats/scene_json.hpp"
@@ -34,13 +34,10 @@ std::uint32_t integer(const JsonField& field, double most) {
 
 // Returns a length or radius, times a factor, as float32. Files hold float32 values, which rounding may have put just below the
 // limit.
-float size_of(const JsonField& field, const SceneKey& key, double factor) {
+float size_of(const JsonField& field, const Limits& limits, double factor) {
   const double size = field.value.is_number() ? field.value.get<double>() : 0.0;
-  const double least = key.info.limits.least, greatest = key.info.limits.greatest;
-  if (!(size >= static_cast<double>(static_cast<float>(least)) && size <= greatest)) {
-    std::ostringstream expected;
-    expected << "a number in [" << least << ", " << greatest << ']';
-    refuse(field, expected.str());
+  if (!(size >= static_cast<double>(static_cast<float>(limits.least)) && size <= limits.greatest)) {
+    refuse(field, expected_number(limits, false));
   }
   return static_cast<float>(size * factor);
 }
@@ -48,13 +45,11 @@ float size_of(const JsonField& field, const SceneKey& key, double factor) {
 Primitive read_primitive(const JsonField& field) {
   check_object(field, {"primitive", "radius", "height"});
   const JsonField kind = json::require(field, "primitive");
-  const auto known = std::find_if(kKinds.begin(), kKinds.end(), [&](const char* name) { return kind.value == name; });
-  if (known == kKinds.end()) refuse(kind, "\"room\", \"box\", \"cylinder\", \"sphere\", \"capsule\", \"plane\" or \"disc\"");
-  Primitive primitive{.kind = static_cast<PrimitiveKind>(known - kKinds.begin()), .half_extents = Vec3::Ones()};
+  Primitive primitive{.kind = read_choice<PrimitiveKind>(kind), .half_extents = Vec3::Ones()};
   if (primitive.kind == PrimitiveKind::capsule) {
-    const float radius = size_of(json::require(field, "radius"), keys::kRadius, 1.0);
+    const float radius = size_of(json::require(field, "radius"), keys::kSizes, 1.0);
     const JsonField height = json::require(field, "height");
-    primitive.half_extents = {radius, radius, size_of(height, keys::kHeight, 0.5)};
+    primitive.half_extents = {radius, radius, size_of(height, keys::kLengths, 0.5)};
     if (primitive.half_extents.z() < radius) refuse(height, "a number >= twice the radius");
   } else {
     check_object(field, {"primitive"});
@@ -64,10 +59,10 @@ Primitive read_primitive(const JsonField& field) {
 }
 
 Gate read_gate(const JsonField& field) {
-  check_object(field, {keys::kGateShape.name, keys::kGateSize.name, keys::kGateBar.name});
-  return {.shape = gate_shape_of(json::require(field, keys::kGateShape.name)),
-          .size = size_of(json::require(field, keys::kGateSize.name), keys::kGateSize, 1.0),
-          .bar = size_of(json::require(field, keys::kGateBar.name), keys::kGateBar, 1.0)};
+  check_object(field, {"shape", "size", "bar"});
+  return {.shape = read_choice<GateShape>(json::require(field, "shape")),
+          .size = size_of(json::require(field, "size"), keys::kLengths, 1.0),
+          .bar = size_of(json::require(field, "bar"), keys::kLengths, 1.0)};
 }
 
 std::vector<std::uint32_t> read_order(const JsonField& field) {
@@ -110,15 +105,14 @@ GltfNodeExtras read_gltf_node_extras(const JsonField& extras) {
 std::optional<GltfSceneExtras> read_gltf_scene_extras(const JsonField& extras) {
   const std::optional<JsonField> ours = find_ours(extras);
   if (!ours) return std::nullopt;
-  check_object(*ours, {"light", "markers", keys::kBodies.name});
+  check_object(*ours, {"light", "markers", "bodies"});
   GltfSceneExtras read;
   if (const auto light = find(*ours, "light")) read.light = read_light(*light);
   if (const auto markers = find(*ours, "markers")) {
-    check_object(*markers, {keys::kMarkerRadius.name, keys::kSpawnBox.name});
+    check_object(*markers, {"radius", "spawn_box"});
     read.markers = read_markers(*markers);
   }
-  if (const auto bodies = find(*ours, keys::kBodies.name))
-    read.bodies = read_bodies(*bodies, {}, MeshFiles::none);  // meshes are embedded
+  if (const auto bodies = find(*ours, "bodies")) read.bodies = read_bodies(*bodies, {}, MeshFiles::none);  // meshes are embedded
   return read;
 }
 
@@ -143,9 +137,9 @@ OrderedJson write_gltf_extras(const GltfNodeExtras& extras) {
     }
   }
   if (extras.gate) {
-    ours["gate"] = {{keys::kGateShape.name, EnumNames<GateShape>::kNames[static_cast<std::size_t>(extras.gate->shape)]},
-                    {keys::kGateSize.name, json::shortest(extras.gate->size)},
-                    {keys::kGateBar.name, json::shortest(extras.gate->bar)}};
+    ours["gate"] = {{"shape", EnumNames<GateShape>::kNames[static_cast<std::size_t>(extras.gate->shape)]},
+                    {"size", json::shortest(extras.gate->size)},
+                    {"bar", json::shortest(extras.gate->bar)}};
   }
   if (extras.object) ours["object"] = *extras.object;
   if (!extras.order.empty()) ours["order"] = extras.order;
@@ -157,7 +151,7 @@ OrderedJson write_gltf_extras(const GltfSceneExtras& extras) {
   rest.radius = extras.markers.radius;
   rest.spawn_box = extras.markers.spawn_box;
   OrderedJson ours = {{"light", write_light(extras.light)}, {"markers", write_markers(rest)}};
-  if (!extras.bodies.empty()) ours[keys::kBodies.name] = write_bodies(extras.bodies);
+  if (!extras.bodies.empty()) ours["bodies"] = write_bodies(extras.bodies);
   return {{kGltfExtras, std::move(ours)}};
 }
 

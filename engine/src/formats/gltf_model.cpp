@@ -164,9 +164,9 @@ class Reader {
   static int semantic_in(const JsonField& object) {
     const std::optional<JsonField> extras = find(object, "extras");
     if (!extras || !extras->value.is_object()) return 0;  // extras may be any value
-    const std::optional<JsonField> field = find(*extras, keys::kSemantic.name);
-    return field ? static_cast<int>(integer(*field, static_cast<std::uint64_t>(keys::kSemantic.info.limits.least),
-                                            static_cast<std::uint64_t>(keys::kSemantic.info.limits.greatest)))
+    const std::optional<JsonField> field = find(*extras, "semantic");
+    return field ? static_cast<int>(integer(*field, static_cast<std::uint64_t>(keys::kSemantics.least),
+                                            static_cast<std::uint64_t>(keys::kSemantics.greatest)))
                  : 0;
   }
 
@@ -373,7 +373,7 @@ class Reader {
     const double times = strength ? number(*strength, 0.0, kMaxNumber, "a number >= 0") : 1.0;
     bool emits = false;
     for (double& factor : emissive) {
-      factor = std::min(factor * times, keys::kEmissive.info.limits.greatest);
+      factor = std::min(factor * times, Light::kBrightness.greatest);
       emits |= factor > 0.0;
     }
     if (!emits) return;

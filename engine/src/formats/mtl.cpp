@@ -135,9 +135,9 @@ void ObjMaterials::Library::read(std::string_view text, std::size_t most) {
         material.is_spectral = true;
         continue;
       }
-      const SceneKey& key = keyword == "Ke" ? keys::kEmissive : keys::kBaseColor;
-      const auto color = color_of(rest, key.info.limits);
-      if (!color) refuse_line("three " + text_of_values(key) + " after " + std::string(keyword));
+      const Limits& limits = keyword == "Ke" ? Light::kBrightness : keys::kShares;
+      const auto color = color_of(rest, limits);
+      if (!color) refuse_line("three numbers " + limits.text() + " after " + std::string(keyword));
       (keyword == "Ke" ? material.emission : material.color.emplace()) = *color;
     } else if (keyword == "d" || keyword == "Tr") {
       std::string_view word = next_word(rest);

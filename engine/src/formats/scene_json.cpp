@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -40,43 +41,88 @@ constexpr const char* kDefault = "default";  // material that exists without bei
   refuse(field, expected, json::excerpt_of(field.value) + did_you_mean(field.value.get_ref<const std::string&>(), known));
 }
 
+Vec3d vec3(const keys::Numbers<3>& numbers) { return {numbers[0], numbers[1], numbers[2]}; }
+Vec3 point(const keys::Numbers<3>& numbers) { return vec3(numbers).cast<float>(); }
+
+Quat rotation_of(const JsonField& object, const keys::Solid& solid) {
+  if (!solid.quat_wxyz) return Quat::Identity();
+  const Eigen::Vector4d wxyz(solid.quat_wxyz->data());
+  if (!(std::abs(wxyz.norm() - 1.0) <= kQuaternionTolerance)) {
+    refuse(require(object, keys::kRotation.name), "a quaternion (w, x, y, z) of norm 1");
+  }
+  return unit_quaternion(wxyz);
+}
+
+Visibility visibility_of(const JsonField& object, const keys::Solid& given) {
+  if (!given.visible && !given.solid) fail(object, "expected one of \"visible\" and \"solid\" to be true, got neither");
+  return given.visible && given.solid ? Visibility::full : (given.visible ? Visibility::visual : Visibility::solid);
+}
+
+struct Box3d {
+  Vec3d min, max;
+};
+
+// Each side must have at least the given length.
+Box3d box_of(const JsonField& object, const keys::Required<keys::Numbers<3>>& min, const keys::Required<keys::Numbers<3>>& max,
+             double least_side) {
+  const Box3d box{vec3(*min.value), vec3(*max.value)};
+  if (!((box.max - box.min).array() >= least_side).all()) refuse(object, least_side > 0.0 ? "min < max" : "min <= max");
+  return box;
+}
+
+Markers markers_of(const JsonField& field, const keys::Markers& given) {
+  Markers markers{.radius = given.radius};
+  if (given.start) markers.start = point(*given.start);
+  if (given.goal) markers.goal = point(*given.goal);
+  for (const auto& waypoint : given.waypoints) markers.waypoints.push_back(point(waypoint));
+  if (given.spawn_box) {
+    const Box3d box = box_of(require(field, "spawn_box"), given.spawn_box->min, given.spawn_box->max, 0.0);
+    markers.spawn_box = Aabb{box.min.cast<float>(), box.max.cast<float>()};
+  }
+  return markers;
+}
+
+TriangleMesh inline_mesh_of(const JsonField& field, const keys::Mesh& given) {
+  TriangleMesh mesh;
+  for (const auto& vertex : *given.vertices.value) mesh.vertices.push_back(point(vertex));
+  const std::size_t num_vertices = mesh.vertices.size();
+  mesh.triangles = *given.triangles.value;
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::int32_t index = mesh.triangles[i][k];
+      if (index >= 0 && static_cast<std::size_t>(index) < num_vertices) continue;
+      refuse(child(child(require(field, "triangles"), i), k), "a vertex index in [0, " + std::to_string(num_vertices) + ')');
+    }
+  }
+  const auto take = [&](const char* name, const auto& values, auto& to) {
+    if (!values) return;
+    if (values->size() != num_vertices) {
+      refuse(require(field, name), "one per vertex (" + std::to_string(num_vertices) + ')', values->size());
+    }
+    to = *values;
+  };
+  take("uv", given.uv.value, mesh.uv);
+  take("colors", given.colors.value, mesh.colors);
+  return mesh;
+}
+
 class SceneReader {
  public:
   SceneReader(const json::Document& document, std::filesystem::path base_dir, MeshFiles files)
-      : root_(document.root()),
-        material_names_(document.ordered_keys(keys::kMaterials.name)),
-        texture_names_(document.ordered_keys(keys::kTextures.name)),
-        base_dir_(std::move(base_dir)),
-        files_(files) {
+      : document_(document), root_(document.root()), base_dir_(std::move(base_dir)), files_(files) {
     scene_.materials.clear();
   }
 
   SceneDescription read() {
     refuse_older_name();
-    check_version(root_, keys::kVersion.name, kSceneVersion);
-    check_keys(root_, keys::kSceneKeys);
-    if (!find(root_, keys::kVersion)) {
+    check_version(root_, keys::kVersionName, kSceneVersion);
+    if (root_.value.is_object() && !find(root_, keys::kVersionName)) {
       fail(root_, "expected a field \"flockstep_scene\", found none: add \"flockstep_scene\": " + std::to_string(kSceneVersion));
     }
-    if (const auto name = find(root_, keys::kName)) {
-      if (!name->value.is_string()) refuse(*name, "a string");
-      scene_.name = name->value.get<std::string>();
-    }
-    for_each_name(keys::kTextures, texture_names_, &SceneReader::read_texture);
-    for_each_name(keys::kMaterials, material_names_, &SceneReader::read_material);
-    if (const auto room = find(root_, keys::kRoom)) read_room(*room);
-    for_each(keys::kPillars, &SceneReader::read_pillar);
-    for_each(keys::kCylinders, &SceneReader::read_cylinder);
-    for_each(keys::kBoxes, &SceneReader::read_box);
-    for_each(keys::kSpheres, &SceneReader::read_sphere);
-    for_each(keys::kCapsules, &SceneReader::read_capsule);
-    for_each(keys::kPlanes, &SceneReader::read_plane);
-    for_each(keys::kDiscs, &SceneReader::read_disc);
-    for_each(keys::kGates, &SceneReader::read_gate);
-    for_each(keys::kMeshes, &SceneReader::read_mesh);
-    if (const auto bodies = find(root_, keys::kBodies)) scene_.bodies = read_bodies(*bodies, base_dir_, files_);
-    if (const auto markers = find(root_, keys::kMarkers)) scene_.markers = read_markers(*markers);
-    if (const auto light = find(root_, keys::kLight)) scene_.light = read_light(*light);
+    check_keys<keys::Scene>(root_);
+    for_each_key<keys::Scene>([&](const auto& key) {
+      if (const auto field = find(root_, key.name)) read_top(*field, key);
+    });
     if (scene_.materials.empty()) scene_.materials.push_back(Material{kDefault});
     if (scene_.primitives.empty() && scene_.mesh.triangles.empty() && scene_.gates.empty()) {
       refuse(root_, "at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, gates, meshes",
@@ -95,66 +141,65 @@ class SceneReader {
  private:
   // Reports files written before the project was renamed.
   void refuse_older_name() const {
-    if (!root_.value.is_object() || root_.value.contains(keys::kVersion.name)) return;
+    if (!root_.value.is_object() || root_.value.contains(keys::kVersionName)) return;
     for (const auto& [key, value] : root_.value.items()) {
       if (!key.ends_with("_scene")) continue;
-      fail(child(root_, key, value), "expected the key \"" + std::string(keys::kVersion.name) +
+      fail(child(root_, key, value), "expected the key \"" + std::string(keys::kVersionName) +
                                          "\" instead (only the format's name has changed: rename the key)");
     }
   }
 
-  void for_each(const SceneKey& key, void (SceneReader::*read)(const JsonField& field)) {
-    const std::optional<JsonField> list = find(root_, key);
-    if (!list) return;
-    const std::size_t count = require_array(*list, "an array").size();
-    check_count(*list, key);
+  template <class Value>
+  void read_top(const JsonField& field, const FieldPointer<keys::Scene, std::optional<Value>>&) {
+    add(field, read_object<Value>(field));
+  }
+  template <class Value, std::size_t kMost>
+  void read_top(const JsonField& list, const FieldPointer<keys::Scene, keys::List<Value, kMost>>& key) {
+    const std::size_t count = require_array(list, "an array").size();
+    check_count(kMost, list, key.name);
     for (std::size_t i = 0; i < count; ++i) {
       Interrupt::poll();
-      const JsonField field = child(*list, i);
-      check_keys(field, key.keys);
-      (this->*read)(field);
+      const JsonField field = child(list, i);
+      add(field, read_object<Value>(field));
     }
   }
-
-  // Reads the named values of a key in the order of the file.
-  void for_each_name(const SceneKey& key, std::span<const std::string> names,
-                     void (SceneReader::*read)(const std::string& name, const JsonField& field)) {
-    const std::optional<JsonField> map = find(root_, key);
-    if (!map) return;
-    if (!map->value.is_object()) refuse(*map, "an object");
-    check_count(*map, key);
-    for (const std::string& name : names) {
-      const JsonField field = require(*map, name);
-      check_keys(field, key.keys);
-      (this->*read)(name, field);
+  // Reads the values in the order of the file.
+  template <class Value, std::size_t kMost>
+  void read_top(const JsonField& map, const FieldPointer<keys::Scene, keys::ByName<Value, kMost>>& key) {
+    if (!map.value.is_object()) refuse(map, "an object");
+    check_count(kMost, map, key.name);
+    for (const std::string& name : document_.ordered_keys(key.name)) {
+      const JsonField field = require(map, name);
+      add(name, field, read_object<Value>(field));
     }
   }
-
-  static void check_count(const JsonField& field, const SceneKey& key) {
-    if (key.most == 0 || field.value.size() <= key.most) return;
-    refuse(field, "at most " + std::to_string(key.most) + ' ' + std::string(key.name), field.value.size());
+  template <std::size_t kMost>
+  void read_top(const JsonField& field, const FieldPointer<keys::Scene, keys::List<BodyConfig, kMost>>&) {
+    scene_.bodies = read_bodies(field, base_dir_, files_);
   }
+  void read_top(const JsonField& field, const FieldPointer<keys::Scene, std::string>& key) {
+    read_key(field, key.info, scene_.name);
+  }
+  void read_top(const JsonField&, const FieldPointer<keys::Scene, keys::Required<keys::Version>>&) {}
+  void read_top(const JsonField&, const FieldPointer<keys::Scene, keys::Anything>&) {}
 
-  void read_texture(const std::string& name, const JsonField& field) {
-    const std::optional<JsonField> file = find(field, keys::kTextureFile);
-    const std::optional<JsonField> bytes = find(field, keys::kTextureBytes);
-    if (file.has_value() == bytes.has_value()) fail(field, "expected either \"file\" or \"png_base64\"");
-    Image image = file ? read_image_file(*file) : read_image(*bytes);
+  void add(const JsonField&, const Light& light) { scene_.light = light; }
+  void add(const JsonField& field, const keys::Markers& markers) { scene_.markers = markers_of(field, markers); }
+
+  void add(const std::string& name, const JsonField&, const keys::Texture& given) {
+    Image image = given.file.value ? read_image_file(*given.file.value->field) : read_image(*given.png_base64.value->field);
     pixels_left_ -= image.rgba.size() / 4;
-    Texture texture{name, image.width_px, image.height_px, std::move(image.rgba)};
-    if (const auto wrap = find(field, keys::kWrap)) texture.wrap = wrap_of(*wrap);
     texture_index_.emplace(name, static_cast<std::uint16_t>(scene_.textures.size()));
-    scene_.textures.push_back(std::move(texture));
+    scene_.textures.push_back({name, image.width_px, image.height_px, std::move(image.rgba), given.wrap});
   }
 
   Image read_image(const JsonField& field) const {
-    if (!field.value.is_string()) refuse(field, "a PNG file in base64");
     const std::string bytes = bytes_of_base64(field.value.get_ref<const std::string&>(), json::name_of(field));
     return decode_image({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, json::name_of(field), pixels_left_);
   }
 
   Image read_image_file(const JsonField& file) const {
-    const std::filesystem::path path = path_of(file, "the path of a PNG or JPEG file");
+    const std::filesystem::path path = path_of(file);
     try {
       const std::string bytes = read_text_file(path, "an image");
       return decode_image({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, path.string(), pixels_left_);
@@ -164,8 +209,7 @@ class SceneReader {
   }
 
   // Returns the path of a file that the scene references.
-  std::filesystem::path path_of(const JsonField& file, const char* expected) const {
-    if (!file.value.is_string()) refuse(file, expected);
+  std::filesystem::path path_of(const JsonField& file) const {
     std::filesystem::path path = base_dir_ / file.value.get<std::string>();
     if (files_ == MeshFiles::none || (files_ == MeshFiles::in_folder && !is_below(path, base_dir_))) {
       fail(file, "expected a file in the scene's folder or below it (load with meshes_anywhere=True to allow others), got " +
@@ -174,18 +218,17 @@ class SceneReader {
     return path;
   }
 
-  void read_material(const std::string& name, const JsonField& field) {
-    Material material{name};
-    material.base_color = color(require(field, keys::kBaseColor), keys::kBaseColor);
-    if (const auto semantic = find(field, keys::kSemantic)) material.semantic = integer(*semantic, keys::kSemantic);
-    if (const auto texture = find(field, keys::kTexture)) material.texture = named_texture(*texture);
-    read_to(material.emissive, field, keys::kEmissive);
-    read_to(material.alpha_cutoff, field, keys::kAlphaCutoff);
+  void add(const std::string& name, const JsonField&, const keys::Material& given) {
+    Material material{.name = name,
+                      .base_color = *given.base_color.value,
+                      .semantic = given.semantic.value_or(0),
+                      .emissive = given.emissive,
+                      .alpha_cutoff = given.alpha_cutoff};
+    if (given.texture.field) material.texture = named_texture(*given.texture.field);
     add_material(std::move(material));
   }
 
   std::uint16_t named_texture(const JsonField& field) {
-    if (!field.value.is_string()) refuse(field, "the name of a texture");
     const auto found = texture_index_.find(field.value.get_ref<const std::string&>());
     if (found == texture_index_.end()) refuse_name(field, "a name listed in /textures", texture_index_);
     has_textured_material_ = true;
@@ -215,115 +258,92 @@ class SceneReader {
     return add_material(Material{kDefault});
   }
 
-  std::uint16_t material_of(const JsonField& object) {
-    const std::optional<JsonField> field = find(object, keys::kMaterial);
-    return field ? named_material(*field) : default_material(object);
+  std::uint16_t material_of(const JsonField& object, const keys::Text& material) {
+    return material.field ? named_material(*material.field) : default_material(object);
   }
 
-  void read_room(const JsonField& field) {
-    check_keys(field, keys::kRoomKeys);
-    room_ = box_of(field, keys::kMin, keys::kMax, 2.0 * static_cast<float>(kMinSize));
+  void add(const JsonField& field, const keys::Room& room) {
+    room_ = box_of(field, room.min, room.max, 2.0 * static_cast<float>(kMinSize));
     scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::room,
                                           .center = ((room_->min + room_->max) / 2.0).cast<float>(),
                                           .half_extents = ((room_->max - room_->min) / 2.0).cast<float>(),
-                                          .material = material_of(field)});
+                                          .material = material_of(field, room.material)});
   }
 
-  // Reads a pillar: a vertical cylinder from the floor to the ceiling of the room, unless z is given.
-  void read_pillar(const JsonField& field) {
-    const auto [x, y] = pair(require(field, keys::kPillarCenter), keys::kPillarCenter, "an array of 2 numbers (x, y)");
-    const float radius = radius_of(field);
-    std::array<double, 2> ends{};
-    if (const auto z = find(field, keys::kPillarEnds)) {
-      ends = pair(*z, keys::kPillarEnds, "an array of 2 numbers (low, high)");
-      if (!(ends[1] - ends[0] >= 2.0 * kMinSize)) refuse(*z, "low < high");
-    } else if (room_) {
-      ends = {room_->min.z(), room_->max.z()};
-    } else {
-      fail(field, "expected a field \"z\" (the scene has no room to take the height from), found none");
+  // A pillar is a vertical cylinder from the floor to the ceiling of the room, unless z is given.
+  void add(const JsonField& field, keys::Pillar pillar) {
+    if (pillar.z && !((*pillar.z)[1] - (*pillar.z)[0] >= 2.0 * kMinSize)) refuse(require(field, "z"), "low < high");
+    if (!pillar.z && !room_) fail(field, "expected a field \"z\" (the scene has no room to take the height from), found none");
+    const auto [low, high] = pillar.z ? *pillar.z : keys::Numbers<2>{room_->min.z(), room_->max.z()};
+    const auto [x, y] = *pillar.xy.value;
+    pillar.center.value = keys::Numbers<3>{x, y, (low + high) / 2.0};
+    add_round(field, PrimitiveKind::cylinder, pillar, (high - low) / 2.0);
+  }
+
+  void add(const JsonField& field, const keys::Cylinder& cylinder) {
+    add_round(field, PrimitiveKind::cylinder, cylinder, *cylinder.height.value / 2.0);
+  }
+
+  void add(const JsonField& field, const keys::Capsule& capsule) {
+    const double half_height = *capsule.height.value / 2.0;
+    if (static_cast<float>(half_height) < static_cast<float>(*capsule.radius.value)) {
+      refuse(require(field, "height"), "a number >= twice the radius");
     }
-    const auto [low, high] = ends;
-    scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::cylinder,
-                                          .center = Vec3d(x, y, (low + high) / 2.0).cast<float>(),
-                                          .half_extents = Vec3(radius, radius, static_cast<float>((high - low) / 2.0)),
-                                          .material = material_of(field),
-                                          .visibility = visibility_of(field)});
+    add_round(field, PrimitiveKind::capsule, capsule, half_height);
   }
 
-  void read_cylinder(const JsonField& field) {
-    const float radius = radius_of(field);
-    add_solid(field, PrimitiveKind::cylinder, Vec3(radius, radius, half_of(require(field, keys::kHeight), keys::kHeight)));
+  void add(const JsonField& field, const keys::Box& box) {
+    add_solid(field, PrimitiveKind::box, box, (vec3(*box.size.value) / 2.0).cast<float>());
   }
 
-  void read_capsule(const JsonField& field) {
-    const float radius = radius_of(field);
-    const JsonField height = require(field, keys::kHeight);
-    const float half_height = half_of(height, keys::kHeight);
-    if (half_height < radius) refuse(height, "a number >= twice the radius");
-    add_solid(field, PrimitiveKind::capsule, Vec3(radius, radius, half_height));
+  void add(const JsonField& field, const keys::Sphere& sphere) {
+    add_round(field, PrimitiveKind::sphere, sphere, *sphere.radius.value);
   }
 
-  void read_box(const JsonField& field) {
-    const Vec3d size = vec3(require(field, keys::kBoxSize), keys::kBoxSize);
-    add_solid(field, PrimitiveKind::box, (size / 2.0).cast<float>());
+  void add(const JsonField& field, const keys::Plane& plane) {
+    const auto [x, y] = *plane.size.value;
+    add_solid(field, PrimitiveKind::plane, plane, Vec3d(x / 2.0, y / 2.0, 0.0).cast<float>());
   }
 
-  void read_sphere(const JsonField& field) { add_solid(field, PrimitiveKind::sphere, Vec3::Constant(radius_of(field))); }
+  void add(const JsonField& field, const keys::Disc& disc) { add_round(field, PrimitiveKind::disc, disc, 0.0); }
 
-  void read_plane(const JsonField& field) {
-    const auto [x, y] = pair(require(field, keys::kPlaneSize), keys::kPlaneSize, "an array of 2 numbers (along local x, y)");
-    add_solid(field, PrimitiveKind::plane, Vec3d(x / 2.0, y / 2.0, 0.0).cast<float>());
+  void add(const JsonField& field, const keys::Gate& gate) {
+    scene_.gates.push_back({.shape = gate.shape,
+                            .center = point(*gate.center.value),
+                            .rotation = rotation_of(field, gate),
+                            .size = gate.size,
+                            .bar = gate.bar,
+                            .material = material_of(field, gate.material),
+                            .visibility = visibility_of(field, gate)});
   }
 
-  void read_disc(const JsonField& field) {
-    const float radius = radius_of(field);
-    add_solid(field, PrimitiveKind::disc, Vec3(radius, radius, 0.0F));
+  void add_round(const JsonField& field, PrimitiveKind kind, const keys::Solid& solid, double half_height) {
+    const double radius = *solid.radius.value;
+    add_solid(field, kind, solid, Vec3d(radius, radius, half_height).cast<float>());
   }
 
-  void read_gate(const JsonField& field) {
-    Gate gate{.center = point(require(field, keys::kCenter), keys::kCenter), .rotation = rotation_of(field)};
-    if (const auto shape = find(field, keys::kGateShape)) gate.shape = gate_shape_of(*shape);
-    read_to(gate.size, field, keys::kGateSize);
-    read_to(gate.bar, field, keys::kGateBar);
-    gate.material = material_of(field);
-    gate.visibility = visibility_of(field);
-    scene_.gates.push_back(gate);
-  }
-
-  static float radius_of(const JsonField& field) {
-    return static_cast<float>(number(require(field, keys::kRadius), keys::kRadius));
-  }
-
-  void add_solid(const JsonField& field, PrimitiveKind kind, const Vec3& half_extents) {
+  void add_solid(const JsonField& field, PrimitiveKind kind, const keys::Solid& solid, const Vec3& half_extents) {
     scene_.primitives.push_back(Primitive{.kind = kind,
-                                          .center = point(require(field, keys::kCenter), keys::kCenter),
-                                          .rotation = rotation_of(field),
+                                          .center = point(*solid.center.value),
+                                          .rotation = rotation_of(field, solid),
                                           .half_extents = half_extents,
-                                          .material = material_of(field),
-                                          .visibility = visibility_of(field)});
+                                          .material = material_of(field, solid.material),
+                                          .visibility = visibility_of(field, solid)});
   }
 
   // Appends a mesh from a file or given inline. It is scaled, rotated and then moved.
-  void read_mesh(const JsonField& field) {
+  void add(const JsonField& field, const keys::Mesh& given) {
     const auto object = static_cast<std::uint16_t>(scene_.mesh.visibility.size());
-    const bool has_file = find(field, keys::kMeshFile).has_value();
-    const auto is_there = [&](const SceneKey& key) { return find(field, key).has_value(); };
-    if (has_file == (is_there(keys::kVertices) || is_there(keys::kTriangles) || is_there(keys::kUv) || is_there(keys::kColors))) {
-      fail(field, "expected either \"file\" or \"vertices\" and \"triangles\"");
-    }
-    const TriangleMesh part = has_file ? read_mesh_file(field) : inline_mesh_of(field);
-    const Quat rotation = rotation_of(field);
-    std::optional<Vec3> position;
-    read_to(position, field, keys::kPosition);
-    float scale = 1.0F;
-    read_to(scale, field, keys::kScale);
+    const bool has_file = given.file.value.has_value();
+    const TriangleMesh part = has_file ? read_mesh_file(field, given) : inline_mesh_of(field, given);
+    const Quat rotation = rotation_of(field, given);
 
     TriangleMesh& mesh = scene_.mesh;
     const auto first_vertex = static_cast<std::int32_t>(mesh.vertices.size());
-    const bool is_placed = position || is_there(keys::kScale) || is_there(keys::kRotation);
-    const Vec3 origin = position.value_or(Vec3::Zero());
+    const bool is_placed = given.position || given.quat_wxyz || field.value.contains("scale");
+    const Vec3 origin = given.position ? point(*given.position) : Vec3::Zero();
     for (const Vec3& vertex : part.vertices) {
-      const Vec3 placed = is_placed ? Vec3(rotation * (vertex * scale) + origin) : vertex;
+      const Vec3 placed = is_placed ? Vec3(rotation * (vertex * given.scale) + origin) : vertex;
       if (!(placed.cwiseAbs().maxCoeff() <= static_cast<float>(kMaxCoordinate))) {
         fail(field, "expected all vertices " + keys::kCoordinates.text() + " m of the origin");
       }
@@ -334,7 +354,7 @@ class SceneReader {
       for (std::int32_t& index : triangle) index += first_vertex;
       const auto corner = [&](std::size_t k) { return mesh.vertices[static_cast<std::size_t>(triangle[k])]; };
       if (is_degenerate(corner(0), corner(1), corner(2))) {
-        const JsonField at = has_file ? require(field, keys::kMeshFile) : child(require(field, keys::kTriangles), i);
+        const JsonField at = has_file ? *given.file.value->field : child(require(field, "triangles"), i);
         const std::string where = has_file ? " (triangle " + std::to_string(i) + " of the file)" : "";
         refuse(at, "a triangle with an area", "a degenerate one" + where);
       }
@@ -348,19 +368,19 @@ class SceneReader {
     }
     append_colors(part.colors, part.vertices.size(), mesh);
     mesh.objects.insert(mesh.objects.end(), part.triangles.size(), object);
-    mesh.visibility.push_back(visibility_of(field));
+    mesh.visibility.push_back(visibility_of(field, given));
     if (part.materials.empty()) {
-      read_mesh_materials(field, part.triangles.size());
+      read_mesh_materials(field, given.materials, part.triangles.size());
     } else {
       mesh.materials.insert(mesh.materials.end(), part.materials.begin(), part.materials.end());
     }
   }
 
   // Reads a mesh file. The result's materials are scene indices if the mesh has no "material", otherwise they are empty.
-  TriangleMesh read_mesh_file(const JsonField& field) {
-    const JsonField file = require(field, keys::kMeshFile);
-    const std::filesystem::path path = path_of(file, "the path of an OBJ or PLY file");
-    const bool has_own = !find(field, keys::kMeshMaterial);
+  TriangleMesh read_mesh_file(const JsonField& field, const keys::Mesh& given) {
+    const JsonField& file = *given.file.value->field;
+    const std::filesystem::path path = path_of(file);
+    const bool has_own = !given.materials.field;
     try {
       if (extension_of(path) == ".ply") {
         PlyMesh read = load_ply(path);
@@ -396,11 +416,11 @@ class SceneReader {
   }
 
   // "material" is one name for the whole mesh, or an array with a name per triangle.
-  void read_mesh_materials(const JsonField& field, std::size_t num_triangles) {
+  void read_mesh_materials(const JsonField& field, const keys::TextOrTexts& given, std::size_t num_triangles) {
     std::vector<std::uint16_t>& materials = scene_.mesh.materials;
-    const std::optional<JsonField> material = find(field, keys::kMeshMaterial);
+    const std::optional<JsonField>& material = given.field;
     if (!material || !material->value.is_array()) {
-      materials.insert(materials.end(), num_triangles, material_of(field));
+      materials.insert(materials.end(), num_triangles, material ? named_material(*material) : default_material(field));
       return;
     }
     if (material->value.size() != num_triangles) {
@@ -409,8 +429,8 @@ class SceneReader {
     for (std::size_t i = 0; i < num_triangles; ++i) materials.push_back(named_material(child(*material, i)));
   }
 
+  const json::Document& document_;
   JsonField root_;
-  std::span<const std::string> material_names_, texture_names_;  // in the order of the file
   std::filesystem::path base_dir_;
   MeshFiles files_;
   std::unordered_map<std::string, std::uint16_t> material_index_;
@@ -425,35 +445,13 @@ class SceneReader {
 
 }  // namespace
 
-Markers read_markers(const JsonField& field) {
-  check_keys(field, keys::kMarkerKeys);
-  Markers markers;
-  read_to(markers.radius, field, keys::kMarkerRadius);
-  read_to(markers.start, field, keys::kStart);
-  read_to(markers.goal, field, keys::kGoal);
-  if (const auto waypoints = find(field, keys::kWaypoints)) {
-    const std::size_t count = require_array(*waypoints, "an array of (x, y, z)").size();
-    for (std::size_t i = 0; i < count; ++i) markers.waypoints.push_back(point(child(*waypoints, i), keys::kWaypoints));
-  }
-  if (const auto spawn_box = find(field, keys::kSpawnBox)) {
-    check_keys(*spawn_box, keys::kSpawnBoxKeys);
-    const Box3d box = box_of(*spawn_box, keys::kLow, keys::kHigh, 0.0);
-    markers.spawn_box = Aabb{box.min.cast<float>(), box.max.cast<float>()};
-  }
-  return markers;
-}
+Markers read_markers(const JsonField& field) { return markers_of(field, read_object<keys::Markers>(field)); }
 
-Light read_light(const JsonField& field) {
-  check_keys(field, keys::kLightKeys);
-  Light light;
-  const SceneKey* key = keys::kLightKeys.data();
-  for_each_field(light, [&](const auto&, auto& value) { read_to(value, field, *key++); });
-  return light;
-}
+Light read_light(const JsonField& field) { return read_object<Light>(field); }
 
 SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir,
                              MeshFiles files, std::vector<std::string>* ignored) {
-  const auto document = json::Document::parse(text, source, {keys::kMaterials.name, keys::kTextures.name});
+  const auto document = json::Document::parse(text, source, {"materials", "textures"});
   SceneReader reader(*document, base_dir, files);
   SceneDescription scene = reader.read();
   if (ignored != nullptr) *ignored = reader.ignored();

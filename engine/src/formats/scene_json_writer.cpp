@@ -199,8 +199,8 @@ std::string format(const OrderedJson& document, const SceneDescription& descript
   for (const auto& [key, value] : document.items()) {
     text += separator + ("  " + OrderedJson(key).dump() + ": ");
     separator = ",\n";
-    if (key == keys::kMaterials.name || key == keys::kTextures.name) {
-      text += key == keys::kMaterials.name ? write_materials(description) : write_textures(description.textures);
+    if (key == "materials" || key == "textures") {
+      text += key == "materials" ? write_materials(description) : write_textures(description.textures);
       continue;
     }
     if (!value.is_array()) {
@@ -243,7 +243,7 @@ OrderedJson write_light(const Light& light) {
 }
 
 std::string write_scene(const SceneDescription& description) {
-  OrderedJson document = {{keys::kVersion.name, kSceneVersion}, {"name", description.name}};
+  OrderedJson document = {{keys::kVersionName, kSceneVersion}, {"name", description.name}};
   if (!description.textures.empty()) document["textures"] = nullptr;
   document["materials"] = nullptr;
   for (const Primitive& primitive : description.primitives) {

@@ -33,10 +33,9 @@ std::string element(const std::string& list, std::size_t index) { return list + 
 
 // `object` is a function that returns the object's name.
 template <class Name>
-void check_values(const Name& object, const SceneKey& key, std::span<const float> values) {
+void check_values(const Name& object, const char* key, const Limits& limits, std::span<const float> values) {
   for (const float value : values) {
-    if (!key.info.limits.contain(value))
-      refuse(object() + '.' + std::string(key.name), text_of_values(key), std::to_string(value));
+    if (!limits.contain(value)) refuse(object() + '.' + key, expected_number(limits, false), std::to_string(value));
   }
 }
 
@@ -128,8 +127,8 @@ void check_gate(const std::string& field, Gate& gate, std::size_t num_materials)
   const auto name = [&] { return field; };
   if (gate.shape > GateShape::ring) refuse(field + ".shape", "a GateShape", std::to_string(static_cast<int>(gate.shape)));
   check_point(field + ".center", gate.center);
-  check_values(name, keys::kGateSize, {&gate.size, 1});
-  check_values(name, keys::kGateBar, {&gate.bar, 1});
+  check_values(name, "size", keys::kLengths, {&gate.size, 1});
+  check_values(name, "bar", keys::kLengths, {&gate.bar, 1});
   check_visibility(field + ".visibility", gate.visibility);
   const Quat& q = gate.rotation;
   const Eigen::Vector4d wxyz(q.w(), q.x(), q.y(), q.z());
@@ -154,8 +153,8 @@ void check_uv(TriangleMesh& mesh, bool is_textured) {
   }
   for (std::size_t i = 0; i < mesh.uv.size(); ++i) {
     for (const float value : mesh.uv[i]) {
-      if (!keys::kUv.info.limits.contain(value)) {
-        refuse("mesh." + element("uv", i), "finite numbers " + keys::kUv.info.limits.text(), std::to_string(value));
+      if (!keys::kCoordinates.contain(value)) {
+        refuse("mesh." + element("uv", i), "finite numbers " + keys::kCoordinates.text(), std::to_string(value));
       }
     }
   }
@@ -169,8 +168,8 @@ void check_colors(const TriangleMesh& mesh) {
   }
   for (std::size_t i = 0; i < mesh.colors.size(); ++i) {
     for (const float value : mesh.colors[i]) {
-      if (!keys::kColors.info.limits.contain(value)) {
-        refuse("mesh." + element("colors", i), text_of_values(keys::kColors), std::to_string(value));
+      if (!keys::kShares.contain(value)) {
+        refuse("mesh." + element("colors", i), expected_number(keys::kShares, false), std::to_string(value));
       }
     }
   }
@@ -300,9 +299,9 @@ void check_materials(const std::vector<Material>& materials, std::size_t num_tex
   std::set<std::string_view> names;
   for (std::size_t i = 0; i < materials.size(); ++i) {
     const auto name = [i] { return element("materials", i); };
-    check_values(name, keys::kBaseColor, materials[i].base_color);
-    check_values(name, keys::kEmissive, materials[i].emissive);
-    check_values(name, keys::kAlphaCutoff, {&materials[i].alpha_cutoff, 1});
+    check_values(name, "base_color", keys::kShares, materials[i].base_color);
+    check_values(name, "emissive", Light::kBrightness, materials[i].emissive);
+    check_values(name, "alpha_cutoff", keys::kShares, {&materials[i].alpha_cutoff, 1});
     if (materials[i].semantic >= kSemanticStart) {
       refuse(element("materials", i) + ".semantic", "a number below " + std::to_string(kSemanticStart),
              std::to_string(materials[i].semantic));
@@ -375,7 +374,7 @@ Vec3 unit_direction(const Eigen::Vector3d& direction) {
 }
 
 void check_markers(const Markers& markers) {
-  if (!keys::kMarkerRadius.info.limits.contain(markers.radius)) {
+  if (!keys::kSizes.contain(markers.radius)) {
     refuse("markers.radius", "a number > 0", std::to_string(markers.radius));
   }
   if (markers.start) check_point("markers.start", *markers.start);

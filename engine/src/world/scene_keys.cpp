@@ -2,50 +2,93 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <type_traits>
 
-#include "base/json_document.hpp"
+#include "base/config_values.hpp"
 
 namespace flockstep {
 namespace {
 
 using OrderedJson = nlohmann::ordered_json;
 
-OrderedJson keys_as_json(std::span<const SceneKey> keys);
+template <class Object>
+OrderedJson keys_of();
 
-OrderedJson key_as_json(const SceneKey& key) {
-  const auto name_of = [](const auto& names, auto value) { return names[static_cast<std::size_t>(value)]; };
-  OrderedJson object = {{"name", key.name}, {"meaning", key.info.about}};
-  object["kind"] = key.info.form == Form::direction ? "direction" : name_of(EnumNames<ValueKind>::kNames, key.kind);
-  object["count"] = name_of(EnumNames<ValueCount>::kNames, key.count);
-  object["size"] = key.size;
-  object["unit"] = key.info.unit;
-  object["required"] = key.is_required;
-  object["alternative"] = key.alternative;
-  if (std::isfinite(key.info.limits.least)) object["least"] = key.info.limits.least;
-  if (std::isfinite(key.info.limits.greatest)) object["greatest"] = key.info.limits.greatest;
-  if (key.info.limits.or_zero) object["or_zero"] = true;
-  if (key.kind == ValueKind::version) object["version"] = kSceneVersion;
-  if (key.most != 0) object["most"] = key.most;
-  if (key.kind == ValueKind::flag) object["default"] = true;
-  if (key.usual != nullptr) object["default"] = OrderedJson::parse(key.usual());
-  if (!key.choices.empty()) object["choices"] = std::vector<std::string>(key.choices.begin(), key.choices.end());
-  if (!key.keys.empty()) object["keys"] = keys_as_json(key.keys);
-  return object;
+// Names what a single value is.
+template <class Value>
+constexpr const char* kind_of() {
+  if constexpr (std::is_same_v<Value, keys::Anything>) return "anything";
+  if constexpr (std::is_same_v<Value, keys::Version>) return "version";
+  if constexpr (std::is_same_v<Value, keys::Text> || std::is_same_v<Value, std::string>) return "text";
+  if constexpr (std::is_same_v<Value, keys::TextOrTexts>) return "text_or_texts";
+  if constexpr (std::is_same_v<Value, bool>) return "flag";
+  if constexpr (std::is_same_v<Value, keys::Index>) return "index";
+  if constexpr (std::is_floating_point_v<Value>) return "number";
+  if constexpr (std::is_integral_v<Value>) return "integer";
+  if constexpr (std::is_enum_v<Value>) return "choice";
+  if constexpr (std::is_same_v<Value, BodyConfig>) return "config";  // docs/configs.md lists the fields
+  return "object";
 }
 
-OrderedJson keys_as_json(std::span<const SceneKey> keys) {
+template <class Value>
+constexpr bool kHasDefault = std::is_arithmetic_v<Value> || std::is_enum_v<Value> || std::is_same_v<Value, std::string>;
+template <class Value, std::size_t kSize>
+constexpr bool kHasDefault<std::array<Value, kSize>> = kHasDefault<Value>;
+
+// Adds what the type of a member says of its key.
+template <class Value>
+void describe(OrderedJson& key, const Value*) {
+  key["kind"] = kind_of<Value>();
+  if constexpr (std::is_same_v<Value, keys::Version>) key["version"] = kSceneVersion;
+  if constexpr (std::is_enum_v<Value>) key["choices"] = EnumNames<Value>::kNames;
+  if constexpr (HasFields<Value> && !std::is_same_v<Value, BodyConfig>) key["keys"] = keys_of<Value>();
+}
+template <class Value, std::size_t kSize>
+void describe(OrderedJson& key, const std::array<Value, kSize>*) {
+  key["size"] = kSize;
+  describe(key, static_cast<const Value*>(nullptr));
+}
+template <class Value>
+void describe(OrderedJson& key, const std::optional<Value>*) {
+  describe(key, static_cast<const Value*>(nullptr));
+}
+template <class Value, std::size_t kMost, bool kAreNamed>
+void describe(OrderedJson& key, const keys::List<Value, kMost, kAreNamed>*) {
+  key["count"] = kAreNamed ? "by_name" : "list";
+  if (kMost != 0) key["most"] = kMost;
+  describe(key, static_cast<const Value*>(nullptr));
+}
+template <class Value>
+void describe(OrderedJson& key, const std::vector<Value>*) {
+  describe(key, static_cast<const keys::List<Value>*>(nullptr));
+}
+template <class Value, bool kIsRequired, int kAlternative>
+void describe(OrderedJson& key, const keys::Key<Value, kIsRequired, kAlternative>*) {
+  key["required"] = kIsRequired;
+  key["alternative"] = kAlternative;
+  describe(key, static_cast<const Value*>(nullptr));
+}
+
+template <class Object>
+OrderedJson keys_of() {
   OrderedJson list = OrderedJson::array();
-  for (const SceneKey& key : keys) list.push_back(key_as_json(key));
+  for_each_key<Object>([&]<class Struct, class Value>(const FieldPointer<Struct, Value>& field) {
+    const FieldInfo& info = field.info;
+    OrderedJson& key = list.emplace_back();
+    key = {{"name", field.name}, {"meaning", info.about}, {"count", "one"},  {"size", 0},
+           {"unit", info.unit},  {"required", false},     {"alternative", 0}};
+    if (std::isfinite(info.limits.least)) key["least"] = info.limits.least;
+    if (std::isfinite(info.limits.greatest)) key["greatest"] = info.limits.greatest;
+    if (info.limits.or_zero) key["or_zero"] = true;
+    describe(key, static_cast<const Value*>(nullptr));
+    if (info.form == Form::direction) key["kind"] = "direction";
+    if constexpr (kHasDefault<Value>) key["default"] = config_values::written(Object().*(field.member), "");
+  });
   return list;
 }
 
 }  // namespace
 
-std::string scene_keys_as_json() { return keys_as_json(keys::kSceneKeys).dump(); }
-
-std::string text_of_values(const SceneKey& key) {
-  return (key.info.limits.or_zero ? "0 or " : "") + std::string(key.size == 0 ? "a number " : "numbers ") +
-         key.info.limits.text();
-}
+std::string scene_keys_as_json() { return keys_of<keys::Scene>().dump(); }
 
 }  // namespace flockstep

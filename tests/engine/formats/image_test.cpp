@@ -250,7 +250,7 @@ TEST(SceneTextures, BadOnesAreRefused) {
                     R"(scene: /textures/planks/wrap/1: ... "repeat" ... "mirror" ... "clamp" ... "tile")"));
   EXPECT_TRUE(names(texture_refusal(textured_scene(base64(R"(, "size": 2)"))), "scene: /textures/planks/size: unknown field"));
   EXPECT_TRUE(
-      names(texture_refusal(textured_scene(R"({"png_base64": 7})")), "scene: /textures/planks/png_base64: ... base64 ... 7"));
+      names(texture_refusal(textured_scene(R"({"png_base64": 7})")), "scene: /textures/planks/png_base64: ... string ... 7"));
   EXPECT_TRUE(names(texture_refusal(textured_scene(R"({"png_base64": "a-b"})")),
                     R"(scene: /textures/planks/png_base64: ... base64 ... the character "-")"));
   EXPECT_TRUE(names(texture_refusal(textured_scene(R"({"png_base64": "abcd"})")),
