@@ -61,6 +61,14 @@ void ContactResolver::resolve(std::span<GroupMember* const> drones, const collis
   if (drones.size() == 1 && !drones[0]->has_contact) {  // most often it touches nothing, and there is no more to do
     const MovingContact contact = hit_on(drones[0]->motion.from, drones[0]->motion.to, 0.0);
     if (!contact.hit) return;
+    if (stops_ && bodies.count == 0) {  // nothing will push it
+      GroupMember& only = *drones[0];
+      only.contact = contact;
+      only.pose = collision::interpolate(only.motion.from, only.motion.to, contact.fraction);
+      only.is_deflected = true;
+      only.reach = (only.pose.position - only.motion.from.position).norm();
+      return;
+    }
     begin();
     add_with_world(0, contact);
   } else {
@@ -83,8 +91,6 @@ void ContactResolver::resolve(std::span<GroupMember* const> drones, const collis
   }
   for (std::size_t a = 0; a < segments_.size(); ++a) {
     if (!stops_ && !drone(a).is_fixed && !drone(a).has_contact && segments_[a].is_inside) move_out(a);
-  }
-  for (std::size_t a = 0; a < segments_.size(); ++a) {
     GroupMember& each = drone(a);
     each.pose = segments_[a].to;
     each.velocity = segments_[a].last;
@@ -126,8 +132,7 @@ float ContactResolver::widest_gap(std::size_t a) const {
 
 void ContactResolver::set_box(Segment& segment) const {
   if (drones_.size() == 1) return;
-  constexpr float kTurnPerChange =
-      2.25F;  // an upper bound of a turn (rad) over the distance of the quaternions, at most pi / sqrt(2)
+  constexpr float kTurnPerChange = 2.25F;  // bound of a turn (rad) over the distance of the quaternions: above pi / sqrt(2)
   const auto &from = segment.from.rotation.coeffs(), &to = segment.to.rotation.coeffs();
   const float turn = kTurnPerChange * std::min((to - from).norm(), (to + from).norm());
   const Vec3 half = segment.from.rotation.toRotationMatrix().cwiseAbs() * planes_.half_extents +

@@ -125,6 +125,8 @@ def test_docstrings_say_nothing_that_headers_say(monkeypatch):
     documents = importlib.import_module("documents")
     said = set()
     for header in ROOT.glob("*/include/flockstep/**/*.hpp"):
+        if header.parent.name == "tasks":  # words of tasks are texts of the program, which marks do not name
+            continue
         text = header.read_text(encoding="utf-8")
         said |= runs(" ".join(re.findall(r"//+ ?(.*)", text)))
         said |= runs(" ".join(re.findall(r'"((?:\\.|[^"\\])*)"', re.sub(r'"\s*"', "", text))))
