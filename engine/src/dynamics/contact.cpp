@@ -272,8 +272,8 @@ void ContactResolver::rebound(std::size_t a, double time, double left_s, const P
   if (contacts == kMaxContacts) {
     // A face that turns about an edge while it slides along it comes nearer to the edge by the second order of time, though the
     // point of contact does not: the surface moves the drone aside, by no more than that.
-    const double move = largest_move(hull_, pose, segment.to);
-    const double most = collision::Path(pose, segment.to).angle * move + collision::kStandoff;
+    const collision::Path path(pose, segment.to);
+    const double move = path.fastest(static_cast<double>(hull_.radius())), most = path.angle * move + collision::kStandoff;
     segment.to = collision::cleared(*obstacles_, solids_near(a, 2.0F * static_cast<float>(move)), hull_, segment.to, 1.0, most);
     segment.last = velocity_after(segment, a, 1.0F);
   }
