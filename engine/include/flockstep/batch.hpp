@@ -189,7 +189,7 @@ class FLOCKSTEP_API Batch {
   Camera camera(std::string_view name);
   const Camera camera(std::size_t index) const;
   const Camera camera(std::string_view name) const;
-  // Of the other sensors by the type of their readings, such as ImuReadings, and the index into their list in config().
+  // The readings of another sensor, by their type, such as ImuReadings, and by the index into its list in config().
   template <HasFields Arrays>
   const Arrays& readings(std::size_t index = 0) const {
     return or_empty<Arrays>(find_readings(typeid(Arrays), index));
