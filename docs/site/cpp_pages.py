@@ -85,6 +85,8 @@ def directives(xml: Path) -> dict[str, list[str]]:
         for compound in ElementTree.parse(path).getroot().findall("compounddef"):
             kind = compound.attrib["kind"]
             if kind in ("class", "struct", "concept"):
+                if path.with_stem(path.stem.rpartition("_1_1")[0]).exists():
+                    continue  # a class in a class, which shows it
                 add(compound, kind, compound.findtext("compoundname", ""))
             for member in compound.iter("memberdef") if kind in ("namespace", "file") else ():
                 name = member.findtext("qualifiedname") or member.findtext("name") or ""

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 HEADERS = Path(__file__).resolve().parents[2] / "engine" / "include" / "flockstep"
-SHARED = HEADERS / "sensor_fields.hpp"  # constants that fields() of several headers use
+SHARED = HEADERS / "sensors" / "sensor_fields.hpp"  # constants that fields() of several headers use
 
 NOT_CODE = re.compile(r'//[^\n]*|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])\'|^#(?:[^\n]*\\\n)*[^\n]*', re.MULTILINE)
 SCOPE = re.compile(r"\b(namespace|class|struct|union|enum)\b(?:\s+(?:class|FLOCKSTEP_API))?\s+(\w*)")
@@ -284,4 +284,7 @@ def literals(text: str) -> str:
 if __name__ == "__main__":
     path = Path(sys.argv[1])
     shared = SHARED.read_text(encoding="utf-8")
-    sys.stdout.write(Header(path.read_text(encoding="utf-8"), shared).documented())
+    # How the batch makes a sensor is internal; the lines stay, for their numbers.
+    internal = re.compile(r"^namespace sensors \{$.*?^\}  // namespace sensors$", re.DOTALL | re.MULTILINE)
+    text = internal.sub(lambda match: "\n" * match[0].count("\n"), path.read_text(encoding="utf-8"))
+    sys.stdout.write(Header(text, shared).documented())

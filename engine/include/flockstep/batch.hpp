@@ -88,8 +88,8 @@ struct Simulation;
 
 // Work that Embree's triangle trees did for LiDARs and cameras, shadows included.
 struct EmbreeCounts {
-  std::int64_t rays = 0;
-  std::int64_t packets = 0;
+  std::int64_t rays = 0;     // number of rays
+  std::int64_t packets = 0;  // in which they were traced
 };
 
 // All methods check their input before they change anything. They throw std::invalid_argument naming the field, the expected
@@ -180,15 +180,15 @@ class FLOCKSTEP_API Batch {
 
   // --- sensors, by their index in config() or by name. Without a name: the first one, or the only camera. Throws
   // std::invalid_argument for an unknown name; the calls of the facet check an index.
-  const PoseReadings& pose_readings() const;  // of the pose sensor; empty arrays without one
-  Lidar lidar(std::size_t index = 0);
-  Lidar lidar(std::string_view name);
-  const Lidar lidar(std::size_t index = 0) const;
-  const Lidar lidar(std::string_view name) const;
-  Camera camera(std::size_t index);
-  Camera camera(std::string_view name);
-  const Camera camera(std::size_t index) const;
-  const Camera camera(std::string_view name) const;
+  const PoseReadings& pose_readings() const;         // of the pose sensor; empty arrays without one
+  Lidar lidar(std::size_t index = 0);                // by index
+  Lidar lidar(std::string_view name);                // by name
+  const Lidar lidar(std::size_t index = 0) const;    // for reading
+  const Lidar lidar(std::string_view name) const;    // for reading
+  Camera camera(std::size_t index);                  // by index
+  Camera camera(std::string_view name);              // by name
+  const Camera camera(std::size_t index) const;      // for reading
+  const Camera camera(std::string_view name) const;  // for reading
   // The readings of another sensor, by their type, such as ImuReadings, and by the index into its list in config().
   template <HasFields Arrays>
   const Arrays& readings(std::size_t index = 0) const {
@@ -199,8 +199,8 @@ class FLOCKSTEP_API Batch {
   std::vector<ArrayView> sensor_arrays(std::string_view name) const;
   const std::string& camera_backend_report() const;  // the backend in use and the reason for it
   std::string take_warning();                        // a warning not reported yet, e.g. that OpenGL failed; usually empty
-  MoveLines move_lines();
-  const MoveLines move_lines() const;
+  MoveLines move_lines();                            // the paths that drones draw
+  const MoveLines move_lines() const;                // for reading
 
   // --- random numbers, keyed by (env seed, episode, stream); drawing does not change any state
   void seed(std::span<const std::uint64_t> seeds, EnvMask mask = {});        // (E,); sets the episode counters to 0

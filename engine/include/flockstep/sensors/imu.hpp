@@ -39,7 +39,7 @@ struct ImuReadings {
 
 // An accelerometer and a gyroscope. The noise follows Kalibr's model: white noise, given by its density, and a drifting bias.
 struct ImuConfig {
-  using Readings = ImuReadings;
+  using Readings = ImuReadings;  // what it publishes
 
   std::string name = "imu";
   float accelerometer_noise_density = 0.0F;
