@@ -499,7 +499,7 @@ inline bool is_near(const std::array<int, 3>& a, const std::array<int, 3>& b) {
 // clear ones among every stride-th pixel. With several samples per pixel, colours are not compared.
 inline Compared expect_picture(const Batch& batch, std::size_t drone = 0, std::size_t camera = 0, std::size_t stride = 1) {
   using oracle::Vec3d;
-  const CameraConfig config = batch.camera(camera).config(DroneIndex(static_cast<std::int64_t>(drone)));
+  const CameraConfig config = batch.camera(camera).config(DroneIndex(drone));
   const State& state = batch.state();
   const World& world = *batch.worlds()[static_cast<std::size_t>(state.world_index[drone])];
   const oracle::Eye eye =

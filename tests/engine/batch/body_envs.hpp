@@ -150,9 +150,7 @@ class BodyEnvs {
 
   Pose drone(std::size_t env) const { return pose_at(batch.state().position, batch.state().quat_wxyz, env); }
   Pose body(std::size_t row) const { return pose_at(batch.state().bodies.position, batch.state().bodies.quat_wxyz, row); }
-  const BodyConfig& config_of(std::size_t row) const {
-    return *batch.bodies().config(EnvIndex(static_cast<std::int64_t>(row / slots)), static_cast<std::int64_t>(row % slots));
-  }
+  const BodyConfig& config_of(std::size_t row) const { return *batch.bodies().config(EnvIndex(row / slots), row % slots); }
 
   // The solids that a drone may meet, with bodies that stand at their current poses.
   std::vector<Mover> solids(std::size_t env) const {

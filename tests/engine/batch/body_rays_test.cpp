@@ -259,7 +259,7 @@ class RayScene {
     batch_.lidar().directions(beams);
     for (std::size_t row = 0; row < kRayEnvs * kRayBodies; ++row) {
       const std::size_t env = row / kRayBodies;
-      const BodyConfig* const body = batch_.bodies().config(EnvIndex(static_cast<std::int64_t>(env)), row % kRayBodies);
+      const BodyConfig* const body = batch_.bodies().config(EnvIndex(env), row % kRayBodies);
       if (body == nullptr) continue;
       const Pose drone = pose_of(drones.position, drones.quat_wxyz, env);
       const std::size_t beam = random_.generator()() % rays();
@@ -292,8 +292,7 @@ class RayScene {
     const BodyState& state = batch_.state().bodies;
     for (std::size_t slot = 0; slot < kRayBodies; ++slot) {
       const std::size_t row = env * kRayBodies + slot;
-      const BodyConfig* const body =
-          batch_.bodies().config(EnvIndex(static_cast<std::int64_t>(env)), static_cast<std::int64_t>(slot));
+      const BodyConfig* const body = batch_.bodies().config(EnvIndex(env), slot);
       EXPECT_EQ(body != nullptr, state.active[row] != 0);
       if (body == nullptr || body->visibility == Visibility::solid) continue;
       const Pose pose = pose_of(state.position, state.quat_wxyz, row);

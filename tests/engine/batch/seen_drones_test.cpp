@@ -173,7 +173,7 @@ TEST(SeenDrones, LidarsDetectTheSameAmongMany) {
       std::vector<float> one(16);
       for (std::size_t drone = 0; drone < 2 * drones; ++drone) {
         if (!batch.state().active[drone]) continue;
-        batch.lidar().scan(DroneIndex(static_cast<std::int64_t>(drone)), one);
+        batch.lidar().scan(DroneIndex(drone), one);
         ASSERT_TRUE(same_bits(one, testing::row(ranges, drone, 16))) << drone;
       }
       std::vector<std::uint8_t> few(2 * drones);

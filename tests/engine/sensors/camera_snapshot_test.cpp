@@ -56,7 +56,7 @@ TEST(CameraChange, EqualsASensorMadeThatWay) {
   const std::size_t pixels = std::size_t{24} * 18;
   for (std::size_t drone = 0; drone < 8; ++drone) {
     SCOPED_TRACE(drone);
-    const CameraConfig is = batch.camera(0).config(DroneIndex(static_cast<std::int64_t>(drone)));
+    const CameraConfig is = batch.camera(0).config(DroneIndex(drone));
     EXPECT_EQ(is.hfov_deg, configs[drone].hfov_deg);
     EXPECT_EQ(is.vfov_deg, configs[drone].vfov_deg);
     EXPECT_EQ(is.offset_m, configs[drone].offset_m);
@@ -278,8 +278,8 @@ NavigationBatch two_cameras(CaptureMode mode) {
     if (x.frame_step != y.frame_step) return ::testing::AssertionFailure() << "camera " << camera << ": other ages";
     const auto pixels = static_cast<std::size_t>(config.width_px * config.height_px);
     for (std::size_t i = 0; i < x.frame_step.size(); ++i) {
-      const CameraConfig mine = a.camera(camera).config(DroneIndex(static_cast<std::int64_t>(i)));
-      const CameraConfig other = b.camera(camera).config(DroneIndex(static_cast<std::int64_t>(i)));
+      const CameraConfig mine = a.camera(camera).config(DroneIndex(i));
+      const CameraConfig other = b.camera(camera).config(DroneIndex(i));
       if (mine.hfov_deg != other.hfov_deg || mine.vfov_deg != other.vfov_deg || mine.offset_m != other.offset_m ||
           mine.quat_wxyz != other.quat_wxyz || mine.capture_mode != other.capture_mode) {
         return ::testing::AssertionFailure() << "camera " << camera << " of drone " << i << " is set otherwise";
