@@ -2,27 +2,15 @@
 
 import numpy as np
 import pytest
-from rigid_body import Start, batch_of, frame, rows_of
+from rigid_body import FULL, MIDDLE, Start, batch_of, rows_of
 
 import flockstep
-
-CONTROLS = {
-    "rotor_speeds": [1000, 1100, 1050, 1080],
-    "rotor_thrusts": [1.7, 1.9, 1.8, 1.85],
-    "body_rates": [10, 0.5, -0.3, 0.4],
-    "attitude": [10, 0.2, -0.1, 0.5],
-    "acceleration": [1, -2, 0.5, 0.3],
-    "velocity": [1, -2, 0.5, 0.3],
-    "heading_velocity": [1, -2, 0.5, 0.3],
-    "position": [1, -2, 0.5, 0.3],
-}
-FULL = frame(rotor_inertia_kgm2=5e-6, drag_n_per_radps_mps=[1e-4, 1.2e-4, 5e-5])
 
 
 def commands_of(control, count):
     """Commands (10, count, 4); row i does not depend on the count."""
     rows = [np.random.default_rng([3, i]).uniform(0.8, 1.2, (10, 4)) for i in range(count)]
-    return np.stack(rows, axis=1) * CONTROLS[control]
+    return np.stack(rows, axis=1) * MIDDLE[control]
 
 
 def begun(control, count, **arguments):
@@ -40,7 +28,7 @@ def bits(batch):
 
 
 @pytest.mark.parametrize("integrator", ["automatic", "rk4"])
-@pytest.mark.parametrize("control", CONTROLS)
+@pytest.mark.parametrize("control", MIDDLE)
 def test_same_bits(control, integrator):
     """Each drone flies the same bits with another batch size, threads and blocks, and after a snapshot in between."""
     wide = begun(control, 37, num_threads=3, block_size=1, integrator=integrator)
@@ -87,7 +75,7 @@ def test_same_bits_among_obstacles(mode):
         np.testing.assert_array_equal(bits(batch)[-1], bits(wide)[batch.num_drones - 1])
 
 
-@pytest.mark.parametrize("control", CONTROLS)
+@pytest.mark.parametrize("control", MIDDLE)
 def test_nothing_is_left_over_after_set_pose(control):
     used, fresh = begun(control, 3), batch_of(FULL, 3, control=control, ground_effect=True)
     for told in commands_of(control, 3):

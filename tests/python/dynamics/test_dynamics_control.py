@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from messages import refused
-from rigid_body import FRAMES, GRAVITY, OPEN, angle_between, batch_of, fly_for, frame, rows_of
+from rigid_body import FRAMES, FULL, GRAVITY, MIDDLE, OPEN, angle_between, batch_of, fly_for, frame, rows_of
 from scipy.spatial.transform import Rotation
 
 import flockstep
@@ -252,17 +252,6 @@ def test_arrival_far_from_the_origin():
     assert hover_far_out(FAR + np.float32([0.5, -0.3, 0.2])) < 1e-3
 
 
-FULL = frame(rotor_inertia_kgm2=5e-6, drag_n_per_radps_mps=[1e-4, 1.2e-4, 5e-5])
-MIDDLE = {  # a command of each control that keeps a kingfisher in the air
-    "rotor_speeds": [1000, 1100, 1050, 1080],
-    "rotor_thrusts": [1.7, 1.9, 1.8, 1.85],
-    "body_rates": [10, 0.5, -0.3, 0.4],
-    "attitude": [10, 0.2, -0.1, 0.5],
-    "acceleration": [1, -2, 0.5, 0.3],
-    "velocity": [1, -2, 0.5, 0.3],
-    "heading_velocity": [1, -2, 0.5, 0.3],
-    "position": [1, -2, 0.5, 0.3],
-}
 DRONES, STEPS = 21, 12
 
 

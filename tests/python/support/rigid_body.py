@@ -40,6 +40,19 @@ def frame(name="kingfisher", **changes):
     return data
 
 
+FULL = frame(rotor_inertia_kgm2=5e-6, drag_n_per_radps_mps=[1e-4, 1.2e-4, 5e-5])
+MIDDLE = {  # a command of each control that keeps a kingfisher in the air
+    "rotor_speeds": [1000, 1100, 1050, 1080],
+    "rotor_thrusts": [1.7, 1.9, 1.8, 1.85],
+    "body_rates": [10, 0.5, -0.3, 0.4],
+    "attitude": [10, 0.2, -0.1, 0.5],
+    "acceleration": [1, -2, 0.5, 0.3],
+    "velocity": [1, -2, 0.5, 0.3],
+    "heading_velocity": [1, -2, 0.5, 0.3],
+    "position": [1, -2, 0.5, 0.3],
+}
+
+
 def plain(name="kingfisher", **changes):
     """A frame with only mass, inertia, thrust and torque, plus the given changes."""
     nothing = {
