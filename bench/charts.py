@@ -1,4 +1,4 @@
-"""The charts of docs/benchmarks.md, which `bench/table.py` draws from the kept results, for light and dark."""
+"""The charts of docs/results/speed.md, which `bench/table.py` draws from the kept results, for light and dark."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cost of a step on the engines of docs/several-machines.md: rate, processor time, and bytes through the network.
+"""Cost of a step on the engines of docs/how-to/train/several-machines.md: rate, processor time and bytes sent.
 
 Each process flies 256 drones, so that more processes fly more drones. The programs of examples/trainers/ run for a few
 updates, without their evaluation flights. Time and bytes are counted between updates, over all processes of the

@@ -6,7 +6,7 @@ camera  cameras against bare Embree and bare OpenGL, by size, world and backend;
 camera_train  the camera task, which observes the green blob in an image, by train_ppo with five seeds; only if named
 pixels_train  the same for the task that observes the image itself; takes half an hour; only if named
 learner one update of flockstep.PPO beside Stable-Baselines3's, and what a second thread gains; needs an idle machine
-board   the trainings of docs/board.md with five seeds each, also with Stable-Baselines3; only if named, takes hours
+board   the trainings of docs/results/board.md with five seeds, also with Stable-Baselines3; only if named, takes hours
 flight_train  Hover and Track by Stable-Baselines3, and the controller only; the LiDAR task's policy with rotors
 worlds  LiDARs and cameras in every bundled world, and the share of rays traced by Embree
 load    time and memory to load files of a million triangles and more

@@ -294,7 +294,7 @@ def main() -> None:
     sys.path.append(str(Path(__file__).parent))  # not there after `python -m bench.table`
     import charts  # imports matplotlib
 
-    charts.draw(results, ROOT / "docs", args.check)
+    charts.draw(results, ROOT / "docs" / "images", args.check)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """Generates the pages of the environments from their tasks and spaces; --check only compares.
 
 Writes the part between "<!-- environment ID -->" and "<!-- end of environment -->" of each page in docs/environments/,
-and between "<!-- environments -->" and "<!-- end of environments -->" of docs/environments.md. Each id has a page. Run
-it with the module built after a change of a task's words, fields or defaults.
+and between "<!-- environments -->" and "<!-- end of environments -->" of docs/environments/index.md. Each id has a
+page. Run it with the module built after a change of a task's words, fields or defaults.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import flockstep
 from flockstep import _core
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-INDEX = DOCS / "environments.md"
+INDEX = DOCS / "environments" / "index.md"
 PAGE = re.compile(r"(<!-- environment (\S+) -->\n).*?(<!-- end of environment -->)", re.DOTALL)
 LIST = re.compile(r"(<!-- environments -->\n).*?(<!-- end of environments -->)", re.DOTALL)
 
@@ -99,7 +99,7 @@ class Environment:
 
     def row(self) -> str:
         """Return the environment's row in the list of all."""
-        cells = (f"[`{self.id}`](environments/{self.page}.md)", self.task._about, self.observation, self.action)
+        cells = (f"[`{self.id}`]({self.page}.md)", self.task._about, self.observation, self.action)
         return "| " + " | ".join(cells) + " |"
 
     def text(self) -> str:

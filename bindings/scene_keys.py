@@ -1,6 +1,6 @@
 """Generates the schema and the tables of scene files from the module's list of their keys; --check only compares.
 
-Writes ``scenes/schema.json`` and the part of ``docs/scene-format.md`` between "<!-- scene keys -->" and
+Writes ``scenes/schema.json`` and the part of ``docs/reference/scene-format.md`` between "<!-- scene keys -->" and
 "<!-- /scene keys -->". Run it with the module built after a change of ``engine/src/world/scene_keys.hpp``.
 """
 
@@ -15,7 +15,7 @@ from flockstep import _core
 
 ROOT = Path(__file__).resolve().parents[1]
 SCHEMA = ROOT / "scenes" / "schema.json"
-DOCUMENT = ROOT / "docs" / "scene-format.md"
+DOCUMENT = ROOT / "docs" / "reference" / "scene-format.md"
 BEGIN, END = "<!-- scene keys -->\n", "<!-- /scene keys -->\n"
 WIDTH = 120
 
@@ -188,7 +188,7 @@ def default_text(key: Key, siblings: Sequence[Key]) -> str:
 
 
 def tables_text(keys: Sequence[Key]) -> str:
-    """Return the tables of docs/scene-format.md: the keys of a scene, then those of its objects, each listed once."""
+    """Return the tables of docs/reference/scene-format.md: the keys of a scene and of its objects, each listed once."""
     rows: list[tuple[Key, str, list[str]]] = []
 
     def add(owner: str, inner: Sequence[Key]) -> None:

@@ -50,13 +50,12 @@ html_theme = "pydata_sphinx_theme"
 html_title = "flockstep"
 html_static_path = ["site/static"]
 html_css_files = ["site.css"]
-html_sidebars = {"benchmarks": []}  # the only page of its section
 toc_object_entries_show_parents = "hide"
 html_show_copyright = html_show_sourcelink = html_copy_source = False
 html_theme_options = {
     "navbar_align": "left",
     "navbar_end": ["theme-switcher"],
-    "header_links_before_dropdown": 5,
+    "header_links_before_dropdown": 7,
     "secondary_sidebar_items": ["page-toc"],
     "show_prev_next": False,
     "footer_start": [],

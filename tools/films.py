@@ -1,4 +1,4 @@
-"""The films and pictures of the documents, a row each; the command writes docs/NAME.webp.
+"""The films and pictures of the documents, a row each; the command writes docs/images/NAME.webp.
 
 .venv/bin/python -m tools.films race
 .venv/bin/python -m tools.films dodge --policy out/dodge.zip --out out/dodge.webp
@@ -185,7 +185,7 @@ class Args:
     policy: Path | None = None
     """File of the policy. One of Stable-Baselines3 runs code when it is loaded: load only policies you trust."""
     out: Path | None = None
-    """The film, or the folder of still pictures; default: docs/NAME.webp, or docs."""
+    """The film, or the folder of still pictures; default: docs/images/NAME.webp, or docs/images."""
     seed: int | None = None
     """Seed of the world and the flight."""
     width_px: int | None = None
@@ -199,14 +199,14 @@ class Args:
 def main(args: Args) -> None:
     """Fly, draw and write the film."""
     if args.name in STILLS:
-        folder = args.out or Path("docs")
+        folder = args.out or Path("docs/images")
         folder.mkdir(parents=True, exist_ok=True)
         STILLS[args.name](folder)
         print(f"{args.name}: in {folder}/")
         return
     if args.name not in FILMS:
         raise SystemExit(f"NAME: expected one of {', '.join([*FILMS, *STILLS])}, got {args.name!r}")
-    film, out = FILMS[args.name], args.out or Path("docs") / f"{args.name}.webp"
+    film, out = FILMS[args.name], args.out or Path("docs/images") / f"{args.name}.webp"
     policy = args.policy or (None if film.policy is None else Path(film.policy))
     if policy is not None:
         model = load_policy(policy)

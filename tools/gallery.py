@@ -1,6 +1,6 @@
-"""The pictures of docs/gallery: bundled places in three views with a LiDAR point cloud, and two strips of views.
+"""The pictures of docs/images/gallery: bundled places in three views with a LiDAR point cloud, and two strips of views.
 
-.venv/bin/python -m tools.gallery --out docs/gallery
+.venv/bin/python -m tools.gallery --out docs/images/gallery
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The picture of a fan as a slice, docs/fan-slice.webp: a LiDAR in an office, and what tracing it looks at.
+"""The picture of a fan as a slice, docs/images/fan-slice.webp: a LiDAR in an office, and what tracing it looks at.
 
 .venv/bin/python -m tools.films fan-slice
 """

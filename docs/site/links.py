@@ -7,6 +7,7 @@ must exist. A link to the kept results becomes links to their tables, which are 
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -49,7 +50,8 @@ def replaced(match: re.Match[str], page: str, address: str) -> str:
     if path.is_relative_to(ROOT / "docs"):
         return match[0]
     if path == table.KEPT:
-        files = (f"[{file.stem}](../{file.relative_to(ROOT).as_posix()})" for file in sorted(CSV.glob("*.csv")))
+        up = os.path.relpath(ROOT, (ROOT / "docs" / page).parent)
+        files = (f"[{file.stem}]({up}/{file.relative_to(ROOT).as_posix()})" for file in sorted(CSV.glob("*.csv")))
         return f"{text} ({', '.join(files)})"
     name = path.relative_to(ROOT).as_posix()
     if address:

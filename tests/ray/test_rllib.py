@@ -270,7 +270,7 @@ def test_more_runners_than_cpus_are_refused(address):
     assert f"--runners: expected at most {2 * CPUS}, the CPUs of the cluster, got 8" in done.stderr
 
 
-PAGE = (ROOT / "docs" / "several-machines.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "how-to" / "train" / "several-machines.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^<!-- test: ray -->\n```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 
 

@@ -209,8 +209,8 @@ def test_racer5_has_the_ratios_that_were_identified():
 
 @pytest.fixture(scope="module")
 def table():
-    """The rows of the table of docs/drones.md by frame name, as the numbers of each cell."""
-    text = (ROOT / "docs" / "drones.md").read_text(encoding="utf-8")
+    """The rows of the table of docs/reference/drones.md by frame name, as the numbers of each cell."""
+    text = (ROOT / "docs" / "reference" / "drones.md").read_text(encoding="utf-8")
     rows = [line.strip("|").split("|") for line in text.splitlines() if line.startswith("| [")]
     names = [re.search(r"drones/(\w+)\.json", row[0])[1] for row in rows]
     assert sorted(names) == NAMES

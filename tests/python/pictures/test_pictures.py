@@ -13,8 +13,9 @@ import flockstep
 from flockstep.pictures.relief import SOLID
 
 DOCS = ROOT / "docs"
+IMAGES = DOCS / "images"
 SUFFIXES = (".png", ".jpg", ".gif", ".webp", ".svg")
-PICTURES = sorted(path for path in DOCS.rglob("*") if path.suffix in SUFFIXES)
+PICTURES = sorted(path for path in IMAGES.rglob("*") if path.suffix in SUFFIXES)
 SHOWN = re.compile(r"!\[[^\]]*\]\(([^)]+)\)")
 
 
@@ -40,13 +41,13 @@ def test_pages_show_every_picture_and_no_other() -> None:
 
 @pytest.mark.parametrize("picture", PICTURES, ids=lambda path: path.name)
 def test_one_command_makes_a_picture(picture: Path) -> None:
-    name = picture.relative_to(DOCS).as_posix()
+    name = picture.relative_to(IMAGES).as_posix()
     assert len([pattern for pattern in commands() if fnmatch(name, pattern)]) == 1
 
 
 @pytest.mark.parametrize(("pattern", "command"), commands().items(), ids=commands())
 def test_a_row_has_pictures_and_a_program(pattern: str, command: str) -> None:
-    assert any(fnmatch(path.relative_to(DOCS).as_posix(), pattern) for path in PICTURES)
+    assert any(fnmatch(path.relative_to(IMAGES).as_posix(), pattern) for path in PICTURES)
     assert (ROOT / command.split()[0].replace(".", "/")).with_suffix(".py").is_file()
 
 

@@ -52,7 +52,7 @@ def task_format() -> int:
 
 
 def test_the_page_has_the_numbers_of_the_code(room):
-    rows = re.findall(r"^\| ([\w+ ]+) \| ([\d.]+) \|", text_of("docs/compatibility.md"), re.MULTILINE)
+    rows = re.findall(r"^\| ([\w+ ]+) \| ([\d.]+) \|", text_of("docs/project/compatibility.md"), re.MULTILINE)
     drone = flockstep.DroneModel.load("x500")
     assert dict(rows) == {
         "package": flockstep.__version__,
@@ -66,7 +66,7 @@ def test_the_page_has_the_numbers_of_the_code(room):
 
 
 def test_the_page_has_the_messages_of_the_code(room):
-    page = text_of("docs/compatibility.md")
+    page = text_of("docs/project/compatibility.md")
     with pytest.raises(ValueError, match="newer flockstep") as scene:
         flockstep.World.from_dict(room.to_dict() | {"flockstep_scene": 2})
     with pytest.raises(ValueError, match="newer flockstep"):
@@ -90,7 +90,7 @@ def test_the_task_format_changes_with_the_headers_of_tasks():
     assert TASK_HEADERS.get(task_format()) == found, (
         "the headers that C++ tasks include have changed. If libraries built before no longer fit (a layout, a virtual "
         "function, the meaning of a value), increase FLOCKSTEP_TASK_FORMAT in task.hpp and its number in "
-        f'docs/compatibility.md. Then write {task_format()}: "{found}" (or the new number) into TASK_HEADERS'
+        f'docs/project/compatibility.md. Then write {task_format()}: "{found}" (or the new number) into TASK_HEADERS'
     )
 
 
@@ -100,7 +100,7 @@ def test_the_supported_pythons_are_the_same_everywhere(project):
     tried = re.search(r"^PYTHONS = \((.*)\)$", text_of("packaging/wheel.py"), re.MULTILINE)[1]
     assert re.findall(r"python(3\.\d+)", tried) == stated
     assert project["project"]["requires-python"] == f">={stated[0]}"
-    assert f"every Python from {stated[0]} to {stated[-1]}" in text_of("docs/install.md")
+    assert f"every Python from {stated[0]} to {stated[-1]}" in text_of("docs/tutorials/install.md")
     settings = project["tool"]["cibuildwheel"]
     ((minors,),) = {tuple(re.findall(r"cp3\{(.*)\}", part["build"])) for part in (settings, settings["linux"])}
     image = re.search(r"for version in ([\d. ]+);", text_of("packaging/Dockerfile"))[1].split()

@@ -477,7 +477,7 @@ class TestCutFiles:
         assert stamps == {100_000_000 * (step + 1) for step in range(len(stamps))}
 
     def test_the_documented_reader_reads_a_file_that_was_cut_anywhere(self, tmp_path, monkeypatch):
-        page = (ROOT / "docs" / "mcap.md").read_text()
+        page = (ROOT / "docs" / "how-to" / "connect" / "mcap.md").read_text()
         block = next(block for block in re.findall(r"```python\n(.*?)```", page, re.S) if "StreamReader" in block)
         (head, tail) = block.split('with open("flight.mcap", "rb+")')
         reader = tail[tail.index("messages = []") : tail.index("print(")]

@@ -76,7 +76,7 @@ def test_other_films_are_written(name, pictures, size, tmp_path, monkeypatch, ca
 
 @pytest.mark.parametrize("name", ["flight", "race"])
 def test_the_film_of_a_page_is_small(name):
-    path = ROOT / "docs" / f"{name}.webp"
+    path = ROOT / "docs" / "images" / f"{name}.webp"
     assert path.stat().st_size < 1_000_000
     with Image.open(path) as film:
         assert (film.size, film.info["loop"]) == ((800, 450), 0)
@@ -335,7 +335,7 @@ def test_the_error_is_the_one_that_is_reported(by_controller):
 
 
 def test_the_controller_is_the_one_that_is_reported():
-    """docs/flight-tasks.md reports 24.9 cm for 1,000 flights; the second best controller reaches 28 cm."""
+    """docs/how-to/tasks/flight-tasks.md reports 24.9 cm for 1,000 flights; the second best controller reaches 28 cm."""
     verdict = judge(TRAININGS["track"], track_film.controller(), 100, UNSEEN_SEEDS.start)
     assert verdict.more["median_error_m"] == pytest.approx(0.249, abs=0.01)
 
