@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 from messages import refused
 
-from tools import peers_table, plain_words
+from tools import pages, peers_table, plain_words
 
 #: Records its arguments; `-m venv FOLDER` makes an environment with this script as its Python.
 NOTING_PYTHON = """#!/bin/sh
@@ -106,6 +106,53 @@ def test_prose_is_found(read, text, expected) -> None:
 )
 def test_faults(file: str, text: str, is_string: bool, expected: list[str]) -> None:
     assert plain_words.faults(file, text, is_string=is_string) == expected
+
+
+TEXT = """# Heading; not counted
+
+One `two three` [four](a.md#b): five; six.
+
+- Seven, that of eight.
+- Nine.
+
+| a; b |
+|---|
+
+```python
+a; b
+```
+<!-- fields of X -->
+a; b
+<!-- end of fields -->
+<!-- test: 1 -> 2 -->
+"""
+
+
+def test_the_text_of_a_page_is_counted() -> None:
+    page = pages.count("docs/index.md", TEXT)
+    assert (page.words, page.sentences) == (11, 3)
+    assert page.pointers == ["Seven, that of eight."]
+    assert page.semicolons == ["One `two three` four: five; six."]
+    assert page.long == []
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "expected"),
+    [
+        ("docs/index.md", "Word " * 250, []),
+        ("docs/index.md", "Word. " * 251, ["251 words"]),
+        ("docs/how-to/train/ppo.md", "Word. " * 700, []),
+        ("docs/peers.md", "Word. " * 5000, []),
+        ("docs/how-to/a.md", "That of a. Those of b.", ["2 that of"]),
+        ("docs/how-to/a.md", "One; two. Three; four.", ["2 semicolons"]),
+        ("docs/how-to/a.md", "One. " * 60 + ("Two " * 31 + ". ") * 3, []),
+        ("docs/how-to/a.md", "One. " * 20 + ("Two " * 31 + ". ") * 3, ["3 sentences"]),
+    ],
+)
+def test_a_page_over_a_limit_is_named(path: str, text: str, expected: list[str]) -> None:
+    found = pages.faults(pages.count(path, text))
+    assert len(found) == len(expected)
+    assert all(fault.startswith(start) for fault, start in zip(found, expected, strict=True))
 
 
 CONTENT = {
