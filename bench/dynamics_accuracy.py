@@ -1,6 +1,6 @@
 """Accuracy of simulated rotor flight, and quality of the controller: `./dev bench dynamics_accuracy`.
 
-The reference is tests/python/support/rigid_body.py: the equations of docs/concepts/dynamics.md in double precision.
+The reference is tests/python/support/rigid_body.py: the equations of docs/concepts/flight-model.md in double precision.
 Unlike times, errors do not depend on the processor, so every machine gives the same figures.
 """
 

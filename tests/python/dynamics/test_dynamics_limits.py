@@ -1,4 +1,4 @@
-"""Limits of flight by rotors that docs/concepts/dynamics.md and docs/reference/drones.md state with numbers."""
+"""Limits of flight by rotors that docs/concepts/flight-model.md and docs/reference/drones.md state with numbers."""
 
 import numpy as np
 import pytest

@@ -30,7 +30,7 @@ def shown() -> set[Path]:
 def commands() -> dict[str, str]:
     """The commands of the table in CONTRIBUTING.md by the pattern of their pictures."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    (table,) = re.findall(r"^## Pictures\n(.*?)^## ", text, re.MULTILINE | re.DOTALL)
+    (table,) = re.findall(r"^## Images and videos\n(.*?)^## ", text, re.MULTILINE | re.DOTALL)
     rows = re.findall(r"^\| (`.+?`) \| `([^`]+)`.*\|$", table, re.MULTILINE)
     return {pattern: command for patterns, command in rows for pattern in re.findall(r"`([^`]+)`", patterns)}
 
