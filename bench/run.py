@@ -15,7 +15,7 @@ scaling steps, frames and trainings with 1, 2, 4, ... threads, up to one per pro
 imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
 race    steps of Race, with gates that are solid and with gates that are not
 bodies  scans, steps and frames among bodies and beside the same solids in the static world; ticks of scripts
-meetings  steps and scans of drones that see and touch each other, and of the same drones in separate envs
+contact_groups  steps and scans of drones that sense each other and collide, and of the same drones in separate envs
 workers start of a trainer's worker: import, worlds, first scan, step and frame, memory; by spawn, by fork, by pickle
 engines steps of DDP, TorchRL's collectors and RLlib with 1, 2, 4, ... processes: rate, time, bytes; only if named
 plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
@@ -51,12 +51,12 @@ import numpy as np
 import bodies
 import bundled
 import compare_rows
+import contact_groups
 import dynamics_accuracy
 import dynamics_peers
 import engines
 import flockstep
 import imaging
-import meetings
 import mesh_peers
 import peers
 import plan
@@ -371,7 +371,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "plan": of(plan.measure),
     "race": of(tasks.measure_race),
     "bodies": of(bodies.measure),
-    "meetings": of(meetings.measure),
+    "contact_groups": of(contact_groups.measure),
     **{name: of(tasks.measure, name) for name in tasks.BENCHES},
     "workers": of(workers.measure),
     "engines": of(engines.measure),

@@ -1,4 +1,4 @@
-"""Steps of drones that see and touch each other, relative to drones that do not.
+"""Steps of drones that sense and collide with each other, relative to drones that do neither.
 
 One thread, in processor time. The variants that are compared alternate.
 """
@@ -38,7 +38,7 @@ def hall(side_m: float) -> flockstep.World:
 def measure() -> Iterator[Measured]:
     for name, (envs, drones, side_m) in GROUPS.items():
         for motion in ("kinematic", "rotors"):
-            yield from steps(f"meetings/{name}/{motion}", envs, drones, hall(side_m), motion)
+            yield from steps(f"contact_groups/{name}/{motion}", envs, drones, hall(side_m), motion)
 
 
 def steps(name: str, envs: int, drones: int, world: flockstep.World, motion: str) -> Iterator[Measured]:
