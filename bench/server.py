@@ -26,7 +26,7 @@ import numpy as np
 import flockstep
 import thesis
 from thesis import BEAMS, COLUMNS
-from timing import Measured, in_turns, median_ratio, timed
+from timing import Measured, in_turns, median_ratio, native, program, timed
 
 ROUNDS, CALLS = 9, 1000  # of round trips: medians of the rounds; calls in a round
 COUNTS = (1, 2, 4, 8, 16, 24, 32, 64, 128)  # clients at once
@@ -66,17 +66,6 @@ def pinned() -> Iterator[None]:
 def unpinned() -> Iterator[None]:
     """Run on all processors."""
     yield
-
-
-def program() -> Path:
-    return Path(os.environ["FLOCKSTEP_BENCH_DIR"]) / "server"
-
-
-def native(*arguments: object) -> list[dict[str, Any]]:
-    """Run bench/server.cpp and return the figures it prints."""
-    command = [program(), *map(str, arguments)]
-    figures: list[dict[str, Any]] = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
-    return figures
 
 
 @contextlib.contextmanager
@@ -120,7 +109,7 @@ def measure_round_trips(prefix: str) -> Iterator[Measured]:
     with contextlib.ExitStack() as stack:
         drone_at = stack.enter_context(serving({**WORLD, "drones_per_env": 1, "lidars": [{}]})).address
         arrays_at = stack.enter_context(serving({**WORLD, "num_envs": DRONES, "lidars": [{"beams": 38}]})).address
-        port = stack.enter_context(running([program(), "echo"]))[0].strip()
+        port = stack.enter_context(running([program("server"), "echo"]))[0].strip()
         loop = asyncio.new_event_loop()
         stack.callback(loop.close)
         sync = [stack.enter_context(flockstep.connect(address)) for address in (drone_at, arrays_at)]
@@ -134,7 +123,7 @@ def measure_round_trips(prefix: str) -> Iterator[Measured]:
         cases = [f"{name}:{request}:{reply}" for name, (request, reply) in sizes.items()]
         found: dict[tuple[str, str], list[float]] = {}
         for _ in range(ROUNDS):
-            for f in native("round-trips", drone_at, arrays_at, port, CALLS, *cases):
+            for f in native("server", "round-trips", drone_at, arrays_at, port, CALLS, *cases):
                 name, by, _ = f["name"].split("/")
                 found.setdefault((name, by), []).append(f["value"])
             for name in calls:
@@ -249,7 +238,7 @@ def measure_clients(prefix: str) -> Iterator[Measured]:
                     client.set_lidar_config(beams=load)
                 with step_rates(client) as rates:
                     kind = "move" if load == "move" else "scan"
-                    figures = native("clients", served.address, count, kind, LOAD_S)
+                    figures = native("server", "clients", served.address, count, kind, LOAD_S)
                 name = f"{prefix}/{kind}{load if kind == 'scan' else ''}/{count}"
                 for f in figures:
                     yield f"{name}/{f['name']}", f["value"], f["unit"], 1
@@ -315,7 +304,7 @@ def measure_streams(prefix: str) -> Iterator[Measured]:
                 watched.append(stepping_rate(client))
                 images.append((count() - before) / (time.perf_counter() - start))
             lost.append(1 - watched[-1] / unwatched[-1])
-            with running([program(), "encode", CAMERAS, STREAM_HZ]):
+            with running([program("server"), "encode", CAMERAS, STREAM_HZ]):
                 stepping_rate(client, 0.5)
                 beside.append(1 - stepping_rate(client) / unwatched[-1])
     yield f"{prefix}/steps_per_second", statistics.median(unwatched), "1/s", ROUNDS
