@@ -6,7 +6,6 @@ import argparse
 import importlib
 import os
 import platform
-import re
 import shutil
 import statistics
 import subprocess
@@ -21,7 +20,6 @@ import numpy as np
 
 import compare_rows
 import dynamics_peers
-import engines
 import flockstep
 import peers
 import server
@@ -40,32 +38,19 @@ DRONES = 1024  # of flights whose costs are compared
 def bench_step() -> list[Figure]:
     """Time `DroneVectorEnv.step` of the LiDAR task under random actions, in steady state, including resets.
 
-    The rate is divided by that of a bare Embree LiDAR loop, which only traces: once with triangles
-    (`ratio_to_bare_lidar`), and once with analytic geometry, for which Embree calls back the engine's own kernels
-    (`ratio_to_bare_analytic_lidar`).
+    By the same numbers of drones, time scans and images, beside Embree alone and Embree's packets in the engine.
     """
-    bare: dict[str, list[float]] = {"direct_": [], "": []}
-
-    def trace() -> float:
-        found = {f["name"]: f["value"] for f in native("lidar", "fan")}
-        for kind, rates in bare.items():
-            rates.append(found[f"lidar/{kind}fan35x1024/bare_embree_scans_per_second"])
-        return 0.0
-
-    steps = {n: walled(stepping(n)) for n in SIZES}
-    times = in_turns({**steps, "bare": trace, "again": steps[1024]})
-    rates = [1024 / statistics.mean(both) for both in zip(times[1024], times["again"], strict=True)]
-    figures = [figure(f"step/n{n}/steps_per_second", n / statistics.median(times[n]), "1/s", RUNS) for n in SIZES]
-    figures += [
-        figure("step/n1024/ratio_to_bare_lidar", median_ratio(rates, bare["direct_"]), "1", RUNS),
-        figure("step/n1024/ratio_to_bare_analytic_lidar", median_ratio(rates, bare[""]), "1", RUNS),
+    times = in_turns({n: walled(stepping(n)) for n in SIZES})
+    return [
+        *(figure(f"step/n{n}/steps_per_second", n / statistics.median(times[n]), "1/s", RUNS) for n in SIZES),
         figure("step/n1/microseconds", 1e6 * statistics.median(times[1]), "us", RUNS),
         figure("step/bytes_per_drone", bytes_per_drone(), "B", 1),
+        *native("lidar", "sweep", *SIZES),
+        *native("camera", "sweep", *SIZES),
+        *worlds_of_their_own(),
+        *tasks_in_python(),
+        *native("stages"),
     ]
-    scans = in_turns({n: walled(compare_rows.measuring(compare_rows.train, n, {}, "auto")(flockstep)) for n in SIZES})
-    for n, seconds in scans.items():
-        figures.append(figure(f"step/lidar/n{n}/scans_per_second", n / statistics.median(seconds), "1/s", RUNS))
-    return figures + worlds_of_their_own() + tasks_in_python() + native("stages")
 
 
 def walled(call: Call) -> Callable[[], float]:
@@ -244,54 +229,6 @@ def bench_board() -> list[Figure]:
     return board.main(board.Args(out=OUT / "train"))
 
 
-#: Programs of examples/trainers/ by the name of their figures, and the format of their last line.
-TRAINERS = {
-    "sb3": "sb3_ppo.py",
-    "cleanrl": "cleanrl_ppo.py",
-    "torchrl_gymwrapper": "torchrl_ppo.py",
-    "torchrl_gymenv": "torchrl_ppo.py --env gymenv",
-    "skrl": "skrl_ppo.py",
-    "ddp_1": "torchrun --nproc-per-node 1 ddp_ppo.py",
-    "ddp_2": "torchrun --nproc-per-node 2 ddp_ppo.py",
-    "torchrl_processes_1": "torchrl_collectors.py --workers 1",
-    "torchrl_processes_2": "torchrl_collectors.py --workers 2",
-    "torchrl_distributed_1": "torchrl_collectors.py --workers 1 --collector distributed",
-    "torchrl_distributed_2": "torchrl_collectors.py --workers 2 --collector distributed",
-    "rllib_1": "rllib_ppo.py --runners 1",
-    "rllib_2": "rllib_ppo.py --runners 2",
-}
-TRAINED = re.compile(r"^(\S+ \S+), (\w+): (\d) of 7 playgrounds after ([\d,]+) steps, ([\d,]+) steps/s$", re.MULTILINE)
-
-
-def bench_trainers() -> list[Figure]:
-    """Train from scratch with each program. The programs alternate, so that a busy hour affects all of them."""
-    figures = []
-    for seed in range(3):
-        for name, program in TRAINERS.items():
-            words = program.split()
-            launcher: list[str] = []
-            if words[0] == "torchrun":
-                launcher, words = ["-m", "torch.distributed.run", "--standalone", *words[1:-1]], words[-1:]
-            script = str(ROOT / "examples" / "trainers" / words[0])
-            python = engines.ray_python() if name.startswith("rllib") else sys.executable
-            command = [python, *launcher, script, *words[1:], "--seed", str(seed)]
-            output = subprocess.run(
-                command, check=True, stdout=subprocess.PIPE, text=True, env=engines.environment()
-            ).stdout
-            ended = TRAINED.search(output)
-            assert ended, output
-            subject = f"trainers/{name}/seed{seed}"
-            steps, rate = (float(ended[i].replace(",", "")) for i in (4, 5))
-            found = [
-                figure(f"{subject}/steps_per_second", rate, "1/s", 1),
-                figure(f"{subject}/steps", steps, "1", 1),
-                figure(f"{subject}/seconds", steps / rate, "s", 1),
-                figure(f"{subject}/playgrounds", float(ended[3]), "1", 1),
-            ]
-            figures += [{**f, "program": program, "version": ended[1], "autoreset_mode": ended[2]} for f in found]
-    return figures
-
-
 class Bench(NamedTuple):
     """A benchmark: what it measures, and by a function of this file or of a module, which is `measure` by default."""
 
@@ -317,7 +254,7 @@ BENCHES = {
     "pixels_train": Bench("the task that observes the image, by train_ppo, five seeds", "trained:pixels", True),
     "lidar_by_rotors": Bench("a policy of the LiDAR task, flown with and without rotors", "trained:by_rotors"),
     "board": Bench("the trainings of docs/board.md, five seeds each, also by Stable-Baselines3", bench_board, True),
-    "trainers": Bench("the programs of examples/trainers/: speed, and steps until they solve", bench_trainers),
+    "trainers": Bench("the programs of examples/trainers/: speed, and steps until they solve", "engines:train"),
     "learner": Bench("an update of flockstep.PPO beside Stable-Baselines3's; needs an idle machine", "learner"),
     "scaling": Bench("steps, images and trainings by number of threads, up to the processors", "scaling", True),
     "load": Bench("time and memory to load files of a million triangles and more", "bundled:measure_loading"),
