@@ -1,4 +1,4 @@
-"""Cost of a step on the engines of several-machines.md, and trainings by the programs of trainers.md, in docs/how-to/train/.
+"""Cost of a step on several engines, and trainings by other trainers' programs, for two pages of docs/how-to/train/.
 
 Each process flies 256 drones, so that more processes fly more drones. The programs of examples/trainers/ run for a few
 updates, without their evaluation flights. Time and bytes are counted between updates, over all processes of the
