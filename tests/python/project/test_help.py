@@ -146,7 +146,8 @@ def test_stub_and_documents_are_made_from_the_lists_of_the_engine(monkeypatch):
     for made in (stubs.TEMPLATE, stubs.ENV_KEYWORDS, stubs.CHANGES, *stubs.DOCUMENTS):
         assert made.read_text(encoding="utf-8") == stubs.renewed(made), f"{made.name}: run bindings/stubs.py"
     # Each configuration has its table; those of tasks are on the pages of environments.
-    text = (stubs.ROOT / "docs" / "reference" / "configs.md").read_text(encoding="utf-8")
+    pages = [stubs.ROOT / "docs" / "reference" / name for name in ("configs.md", "drone-files.md")]
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
     named = {config.__name__ for config in {*CONFIGURATIONS} - {*_core.engine_tasks.values()}}
     for name in [*sorted(named), *_core._other_fields]:
         assert f"<!-- fields of {name} -->\n| field |" in text, name
