@@ -155,27 +155,11 @@ void Learner::finish(std::span<const float> observation) {
 
 namespace {
 
-template <class T>
-void append_as_floats(std::span<const T> values, float*& to) {
-  for (const T value : values) *to++ = static_cast<float>(value);
-}
-
 // Appends a row of a field, as numbers.
 void append_row(const Buffer& field, std::size_t row, float*& to) {
-  switch (field.type()) {
-    case DType::float32:
-      to = std::copy_n(field.row<float>(row).data(), field.columns(), to);
-      return;
-    case DType::float64:
-      return append_as_floats(field.row<double>(row), to);
-    case DType::int32:
-      return append_as_floats(field.row<std::int32_t>(row), to);
-    case DType::int64:
-      return append_as_floats(field.row<std::int64_t>(row), to);
-    case DType::boolean:
-    case DType::uint8:
-      return append_as_floats(field.row<std::uint8_t>(row), to);
-  }
+  with_type(field.type(), [&]<class T>(T) {
+    for (const T value : field.row<T>(row)) *to++ = static_cast<float>(value);
+  });
 }
 
 // Writes the fields of a row in the given order.
