@@ -327,7 +327,7 @@ std::vector<std::int64_t> Batch::spawn(std::span<const std::int64_t> indices, st
     } else {
       forget_readings(sim, drone);
     }
-    put_drone(sim, drone, requested_pose(sim, drone, row, position, quat_wxyz));
+    put_drone(sim, drone, placed_pose(sim, drone, row, position, quat_wxyz));
     if (!sim.task_state) continue;
     if (begins[env]) start_counts(sim, env);
     sim.outputs.clear(sim.row_of(drone));

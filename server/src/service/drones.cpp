@@ -73,29 +73,13 @@ void Service::read(Call& call, const protocol::GetDrones&, const ArraySource& ar
 void Service::locked(Call& call, const protocol::SpawnDrone& spawn) {
   require(task_ == nullptr, "SpawnDrone", "a batch without a task, whose episodes place the drones", "one with a task");
   std::vector<std::int64_t> env;
-  if (spawn.env) {
-    require(*spawn.env >= 0 && *spawn.env < batch_.config().num_envs, "env",
-            "an index below " + std::to_string(batch_.config().num_envs), *spawn.env);
-    env.push_back(*spawn.env);
-  }
-  const bool would_renumber = batch_.config().num_envs > 1 && (batch_.config().drones_per_env != 1 || spawn.env);
-  const auto is_free = [&](std::size_t slot) {
-    const auto of = static_cast<std::int64_t>(slot) / batch_.config().drones_per_env;
-    return batch_.state().active[slot] == 0 && (env.empty() || of == env.front());
-  };
-  std::size_t slot = 0;
-  while (slot < batch_.state().active.size() && !is_free(slot)) ++slot;
-  const bool has_slot = slot < batch_.state().active.size();
-  if (would_renumber && !has_slot) {
+  if (spawn.env) env.push_back(*spawn.env);
+  const auto [its_env, renumbers] = ServedBatch::next_slot(batch_, env);
+  if (renumbers) {
     throw Refusal(Code::kFailedPrecondition,
                   "no slot is free, and a batch with several envs of several drones cannot grow while it is served: that would "
                   "change the indices of its drones");
   }
-  const std::int64_t m = batch_.config().drones_per_env;
-  const std::int64_t its_env = !env.empty() ? env.front()
-                               : has_slot   ? static_cast<std::int64_t>(slot) / m
-                               : m == 1     ? batch_.config().num_envs
-                                            : 0;
   const std::array<float, 4> rotation = spawn.rotation ? array_of(*spawn.rotation) : std::array{1.0F, 0.0F, 0.0F, 0.0F};
   const std::optional<std::array<float, 3>> given = spawn.location ? std::optional(array_of(*spawn.location)) : std::nullopt;
   const std::array<float, 3> position = spawn_place(its_env, given, rotation);
@@ -114,11 +98,10 @@ void Service::locked(Call& call, const protocol::SpawnDrone& spawn) {
   result.owner = spawn.claim ? call.client->number : 0;
 }
 
-std::array<float, 3> Service::spawn_place(std::int64_t env, const std::optional<std::array<float, 3>>& location,
+std::array<float, 3> Service::spawn_place(EnvIndex env, const std::optional<std::array<float, 3>>& location,
                                           const std::array<float, 4>& rotation) const {
-  const bool is_new = env >= batch_.config().num_envs;
-  const World& world =
-      is_new ? *batch_.worlds()[static_cast<std::size_t>(env) % batch_.worlds().size()] : *batch_.world_of(EnvIndex(env));
+  const bool is_new = env >= static_cast<std::size_t>(batch_.config().num_envs);
+  const World& world = is_new ? *batch_.worlds()[env % batch_.worlds().size()] : *batch_.world_of(env);
   const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2.0F);
   const std::array<float, 3> usual = location.value_or(std::array{start.x(), start.y(), start.z()});
   const Quat given(rotation[0], rotation[1], rotation[2], rotation[3]);
@@ -128,7 +111,7 @@ std::array<float, 3> Service::spawn_place(std::int64_t env, const std::optional<
   const auto is_free = [&](const Vec3& place) {
     const float below = world.bounds().min.z();  // the hull touches nothing under a floor of triangles
     return place.z() >= below &&
-           (is_new ? flockstep::is_free(world, batch_.drone(), {place, turned}) : batch_.is_free(EnvIndex(env), {place, turned}));
+           (is_new ? flockstep::is_free(world, batch_.drone(), {place, turned}) : batch_.is_free(env, {place, turned}));
   };
   const auto& [x, y, z] = usual;
   if (is_free({x, y, z})) return usual;

@@ -131,7 +131,7 @@ class Service {
             const std::optional<protocol::Quaternion>& rotation, bool teleport);
   // Returns a place for a new drone of an env: the given one if it is free, otherwise the start of the world or, if that is
   // taken, a place near it. env: the number of envs for a new one.
-  std::array<float, 3> spawn_place(std::int64_t env, const std::optional<std::array<float, 3>>& location,
+  std::array<float, 3> spawn_place(EnvIndex env, const std::optional<std::array<float, 3>>& location,
                                    const std::array<float, 4>& rotation) const;
   std::span<const std::uint8_t> only(std::size_t drone);  // a mask
   void fit_rows();                                        // resizes the arrays of rows after the batch has grown
