@@ -107,7 +107,7 @@ void take_apart(Json& value) noexcept {
 
 }  // namespace
 
-std::string Path::pointer() const {
+std::string JsonPath::pointer() const {
   std::string text;
   for (std::size_t i = 0; i < depth_; ++i) {
     text += '/';

@@ -22,10 +22,10 @@ using Json = nlohmann::json;  // finds keys fast, does not keep their order
 
 // Path to a value in the document, for messages; it becomes text only when a message needs it. Its keys are views of strings
 // that the document or the program owns.
-class Path {
+class JsonPath {
  public:
-  Path operator/(std::string_view key) const { return with({key, 0}); }
-  Path operator/(std::size_t index) const { return with({{}, index}); }
+  JsonPath operator/(std::string_view key) const { return with({key, 0}); }
+  JsonPath operator/(std::size_t index) const { return with({{}, index}); }
 
   std::string pointer() const;  // RFC 6901
 
@@ -35,8 +35,8 @@ class Path {
     std::size_t index = 0;
   };
 
-  Path with(Step step) const {
-    Path longer = *this;
+  JsonPath with(Step step) const {
+    JsonPath longer = *this;
     longer.steps_.at(longer.depth_++) = step;
     return longer;
   }
@@ -49,7 +49,7 @@ class Path {
 // A value and its path in the document.
 struct JsonField {
   const Json& value;
-  Path path;
+  JsonPath path;
   const std::string& source;
 };
 
@@ -98,7 +98,7 @@ class Document {
   Document(const Document&) = delete;
   Document& operator=(const Document&) = delete;
 
-  JsonField root() const { return {root_, Path(), source_}; }
+  JsonField root() const { return {root_, JsonPath(), source_}; }
   std::span<const std::string> ordered_keys(std::string_view of) const;
 
  private:

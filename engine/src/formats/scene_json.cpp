@@ -181,7 +181,7 @@ class SceneReader {
     read_key(field, key.info, scene_.name);
   }
   void read_top(const JsonField&, const FieldPointer<keys::Scene, keys::Required<keys::Version>>&) {}
-  void read_top(const JsonField&, const FieldPointer<keys::Scene, keys::Anything>&) {}
+  void read_top(const JsonField&, const FieldPointer<keys::Scene, keys::Unread>&) {}
 
   void add(const JsonField&, const Light& light) { scene_.light = light; }
   void add(const JsonField& field, const keys::Markers& markers) { scene_.markers = markers_of(field, markers); }

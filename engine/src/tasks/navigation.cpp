@@ -74,8 +74,8 @@ Field vector_field(const char* name, std::vector<double> low_of_head, std::size_
 }
 
 // Data of all envs, read from the context once for each block.
-struct Surroundings {
-  explicit Surroundings(const TaskContext& context)
+struct BlockInputs {
+  explicit BlockInputs(const TaskContext& context)
       : state(context.state()),
         episodes(context.episodes()),
         ranges(context.lidar_readings().ranges),
@@ -157,13 +157,13 @@ class Navigation final : public Task {
   }
 
   void score(const TaskBlock& block, Score& score) override {
-    const Surroundings around(block.context);
+    const BlockInputs around(block.context);
     for (const DroneIndex drone : block.drones) score_drone(around, block.context, drone, score);
   }
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
     const bool apart = config_.observation == ObservationKind::pixels;  // the ranges are a separate field
-    const Surroundings around(block.context);
+    const BlockInputs around(block.context);
     for (const DroneIndex drone : block.drones) {
       const std::span<float> row = observation[apart ? 1 : 0].row<float>(drone);
       const std::size_t head = row.size() - rays_;
@@ -281,7 +281,7 @@ class Navigation final : public Task {
     return known.position;
   }
 
-  void score_drone(const Surroundings& around, const TaskContext& context, DroneIndex drone, Score& score) {
+  void score_drone(const BlockInputs& around, const TaskContext& context, DroneIndex drone, Score& score) {
     const NavigationReward& reward = config_.reward;
     const State& state = around.state;
     const Vec3 position = position_of(state, drone);

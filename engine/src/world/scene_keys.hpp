@@ -55,8 +55,8 @@ struct List {};  // an array of at most kMost values (0: any number), or an obje
 template <class Value, std::size_t kMost>
 using ByName = List<Value, kMost, true>;
 struct Version {};
-struct Anything {};  // not read
-struct Text {        // with its place, for messages
+struct Unread {};  // not read
+struct Text {      // with its place, for messages
   std::optional<json::JsonField> field;
 };
 struct TextOrTexts : Text {};  // one text, or an array of them
@@ -267,7 +267,7 @@ inline constexpr const char* kVersionName = "flockstep_scene";
 
 struct Scene {
   Required<Version> version;
-  Anything schema;
+  Unread schema;
   std::string name = SceneDescription().name;
   ByName<Texture, kMaxTextures> textures;
   ByName<Material, kMaxMaterials> materials;

@@ -85,7 +85,7 @@ void Service::locked(Call& call, const protocol::SpawnDrone& spawn) {
   const std::array<float, 3> position = spawn_place(its_env, given, rotation);
   begin_change();
   const std::int64_t drone = batch_.spawn({}, position, rotation, {}, env).front();
-  refresh_shape();
+  refresh_info();
   clear_command(static_cast<std::size_t>(drone));  // of a drone that the program has removed there, like the claim
   {
     const std::scoped_lock lock(owners_mutex_);
@@ -153,7 +153,7 @@ void Service::locked(Call& call, const protocol::GetCameraCaptureMode& get) {
 void Service::locked(Call& call, const protocol::SetCameraCaptureMode& set) {
   require_may_change(call, std::span<const std::uint8_t>());
   batch_.camera(set.camera).set_capture_mode(static_cast<CaptureMode>(set.mode));
-  refresh_shape();
+  refresh_info();
 }
 
 // --------------------------------------------------------------------------------------------------------- position and motion
@@ -263,7 +263,7 @@ void Service::locked(Call& call, const protocol::SetLidarConfig& set) {
   const DroneMask mask = require_drones(call, set.drone, change.beams || change.channels);
   begin_change();
   batch_.lidar(set.lidar).set(change, mask);
-  refresh_shape();
+  refresh_info();
 }
 
 void Service::locked(Call& call, const protocol::GetCameraConfig& get) {
@@ -282,7 +282,7 @@ void Service::locked(Call& call, const protocol::SetCameraConfig& set) {
   const DroneMask mask = require_drones(call, set.drone, change.width_px || change.height_px);
   begin_change();
   batch_.camera(set.camera).set(change, mask);
-  refresh_shape();
+  refresh_info();
 }
 
 void Service::locked(Call& call, const protocol::GetMoveLineVisible& get) {

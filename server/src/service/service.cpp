@@ -59,7 +59,7 @@ Service::Service(Batch& batch, const ServerConfig& config, Post post, Post run_a
   require(!ServedBatch::is_served(batch_), "batch", "one that no server serves",
           "one that another server serves: stop that one first");
   require(config.rate_hz == 0.0 || task_ == nullptr, "rate_hz", "0 for a batch with a task, which actions step", config.rate_hz);
-  refresh_shape();
+  refresh_info();
   served_.emplace(batch_, [this] {
     count_program_steps();
     begin_change();
@@ -72,11 +72,11 @@ void Service::unshare() {
   if (served_) served_->end();
 }
 
-void Service::refresh_shape() {
+void Service::refresh_info() {
   const BatchConfig& config = batch_.config();
-  const bool has_grown = !shape_ || shape_->generation != ServedBatch::generation(batch_);
-  if (shape_ && shape_->drones_per_env != config.drones_per_env) renumber(config.drones_per_env);
-  auto next = std::make_shared<Shape>();
+  const bool has_grown = !info_ || info_->generation != ServedBatch::generation(batch_);
+  if (info_ && info_->drones_per_env != config.drones_per_env) renumber(config.drones_per_env);
+  auto next = std::make_shared<BatchInfo>();
   next->protocol = protocol::kVersion;
   next->version = FLOCKSTEP_VERSION;
   next->flies_by_rotors = !config.dynamics.is_kinematic();
@@ -113,7 +113,7 @@ void Service::refresh_shape() {
   is_small_ = bytes <= kFewBytes && rays <= kFewRays;
   {
     const std::scoped_lock lock(shape_mutex_);
-    shape_ = std::move(next);
+    info_ = std::move(next);
   }
   if (has_grown) fit_rows();
 }
@@ -129,9 +129,9 @@ std::size_t Service::max_snapshot_bytes(std::size_t array_bytes) const {
   return 2 * array_bytes + kBytesPerDrone * static_cast<std::size_t>(batch_.config().num_drones()) + kSpare;
 }
 
-std::shared_ptr<const Service::Shape> Service::shape() const {
+std::shared_ptr<const Service::BatchInfo> Service::info() const {
   const std::scoped_lock lock(shape_mutex_);
-  return shape_;
+  return info_;
 }
 
 void Service::welcome(Call& call) {
@@ -146,7 +146,7 @@ void Service::welcome(Call& call) {
       const std::scoped_lock lock(owners_mutex_);
       call.client->number = ++last_client_;
     }
-    auto& welcome = call.result<protocol::Welcome>() = *shape();
+    auto& welcome = call.result<protocol::Welcome>() = *info();
     welcome.client = call.client->number;
   });
 }
@@ -246,7 +246,7 @@ void Service::complete(const std::shared_ptr<Call>& call) {
 std::size_t Service::max_array_bytes(const protocol::Request& request) {
   if (request.arrays.empty()) return 0;
   follow_program_if_free();
-  const auto now = shape();
+  const auto now = info();
   const auto sizes = [&](std::string_view name) -> std::size_t {
     const auto drones = static_cast<std::size_t>(now->num_drones()), envs = static_cast<std::size_t>(now->num_envs);
     if (name == "E") return envs;
@@ -282,11 +282,11 @@ void Service::leave(const std::shared_ptr<Client>& client) {
 // ------------------------------------------------------------------------------------------------------------------------ time
 
 void Service::follow_program() {
-  bool has_changed = ServedBatch::generation(batch_) != shape_->generation || batch_.worlds() != shape_->worlds;
-  for (std::size_t camera = 0; camera < shape_->camera_configs.size(); ++camera) {
-    has_changed |= batch_.camera(camera).config().capture_mode != shape_->camera_configs[camera].capture_mode;
+  bool has_changed = ServedBatch::generation(batch_) != info_->generation || batch_.worlds() != info_->worlds;
+  for (std::size_t camera = 0; camera < info_->camera_configs.size(); ++camera) {
+    has_changed |= batch_.camera(camera).config().capture_mode != info_->camera_configs[camera].capture_mode;
   }
-  if (has_changed) refresh_shape();
+  if (has_changed) refresh_info();
 }
 
 void Service::follow_program_if_free() {
@@ -321,7 +321,7 @@ void Service::write_time(Call& call) const {
   auto& time = call.result<protocol::Time>();
   time.step = steps();
   time.time_s = static_cast<double>(steps()) * step_s_;
-  const auto now = shape();
+  const auto now = info();
   time.num_envs = now->num_envs;
   time.generation = now->generation;
 }
@@ -474,7 +474,7 @@ void Service::require_may_change(const Call& call, std::span<const std::uint8_t>
 
 void Service::require_sensor(const std::string& name) const {
   if (name.empty()) return;
-  const auto now = shape();
+  const auto now = info();
   const bool is_known = std::ranges::find(now->lidars, name) != now->lidars.end() ||
                         std::ranges::find(now->imus, name) != now->imus.end() ||
                         std::ranges::find(now->cameras, name) != now->cameras.end();
@@ -482,17 +482,17 @@ void Service::require_sensor(const std::string& name) const {
 }
 
 std::shared_ptr<const World> Service::world(std::uint32_t index) const {
-  const auto now = shape();
+  const auto now = info();
   if (index < now->worlds.size()) return now->worlds[index];
   throw Refusal(Code::kNotFound,
                 "world: expected an index below " + std::to_string(now->worlds.size()) + ", got " + std::to_string(index));
 }
 
 void Service::renumber(std::int64_t drones_per_env) {
-  const std::int64_t before = shape_->drones_per_env, count = shape_->num_drones();
+  const std::int64_t before = info_->drones_per_env, count = info_->num_drones();
   if (before == 0) return;
   const auto moved = [&](std::int64_t drone) { return drone / before * drones_per_env + drone % before; };
-  const auto size = static_cast<std::size_t>(shape_->num_envs * drones_per_env);
+  const auto size = static_cast<std::size_t>(info_->num_envs * drones_per_env);
   std::vector<float> commands(4 * size);
   std::vector<std::uint8_t> has_command(size);
   for (std::int64_t drone = 0; drone < count; ++drone) {

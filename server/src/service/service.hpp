@@ -86,7 +86,7 @@ class Service {
   };
 
   // A copy of some properties of the batch, which needs no lock: what clients are told, and more.
-  struct Shape : protocol::Welcome {
+  struct BatchInfo : protocol::Welcome {
     std::vector<CameraConfig> camera_configs;  // with their current capture modes
     Batch::Worlds worlds;
     std::size_t max_snapshot_bytes = 0;  // of a snapshot to restore; see also largest_snapshot_
@@ -145,12 +145,12 @@ class Service {
   void step_if_all_wait();
   void count_program_steps();
 
-  void refresh_shape();                                           // these four need the lock
+  void refresh_info();                                            // these four need the lock
   void follow_program();                                          // whose calls may have changed it
   std::size_t max_snapshot_bytes(std::size_t array_bytes) const;  // array_bytes: of the batch, without observations
   void renumber(std::int64_t drones_per_env);                     // claims and commands, if that changes the indices of drones
   void follow_program_if_free();                                  // needs no lock
-  std::shared_ptr<const Shape> shape() const;
+  std::shared_ptr<const BatchInfo> info() const;
 
   Batch& batch_;
   std::optional<ServedBatch> served_;  // until unshare()
@@ -170,7 +170,7 @@ class Service {
   std::int64_t last_tick_ = 0;  // of the first env
 
   mutable std::mutex shape_mutex_;
-  std::shared_ptr<const Shape> shape_;  // replaced, never changed
+  std::shared_ptr<const BatchInfo> info_;  // replaced, never changed
 
   mutable std::mutex owners_mutex_;
   std::map<std::int64_t, std::uint32_t> owners_;  // client by drone

@@ -332,7 +332,7 @@ TEST(Contact, NoWallIsThinEnoughToBeFlownThrough) {
 
 TEST(Impact, BouncesByRestitutionAndFriction) {
   const Airframe frame = *DroneModel::load("kingfisher").airframe();
-  dynamics::Surface surface{0.4, 0.0};
+  dynamics::ContactMaterial surface{0.4, 0.0};
   const Pose pose{{1, 2, 3}, Quat(Eigen::AngleAxisf(0.5F, Vec3::UnitZ()))};
   // The contact is straight below the centre, so there is no rotation.
   const std::array below{Vec3(1, 2, 2.9F)};

@@ -170,10 +170,10 @@ void lengthen(const PinholeCamera& pinhole, int left, int row, std::size_t count
 
 }  // namespace
 
-void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, const RenderRequest& request,
+void write_frame(const AtlasPixels& pixels, const AtlasSize& size, std::size_t tile, const RenderRequest& request,
                  const FramePart& part) {
   const CameraConfig& camera = *request.camera;
-  const Frame& frame = request.frame;
+  const RenderTargets& frame = request.frame;
   const auto tile_width = static_cast<std::size_t>(size.width);
   const auto frame_width = static_cast<std::size_t>(camera.width_px);
   const std::size_t frame_pixels = frame_width * static_cast<std::size_t>(camera.height_px);

@@ -43,7 +43,7 @@ class GlAtlas {
 };
 
 // Data read back from one atlas, row by row and tile by tile. A pointer is null if the atlas lacks that attachment.
-struct Pixels {
+struct AtlasPixels {
   const std::uint8_t* color = nullptr;  // RGBA
   const float* depth = nullptr;         // raw values of the depth buffer; see shaders.cpp
   const std::uint16_t* ids = nullptr;   // semantic, instance
@@ -60,7 +60,7 @@ class GlReadback {
 
   void start(const GlAtlas& atlas, int tiles);  // copies the first `tiles` tiles
   void finish();                                // throws GlUnavailable
-  const Pixels& pixels() const { return pixels_; }
+  const AtlasPixels& pixels() const { return pixels_; }
 
  private:
   void reserve(std::size_t bytes);
@@ -71,7 +71,7 @@ class GlReadback {
   std::byte* mapped_ = nullptr;
   std::size_t capacity_ = 0;  // bytes
   GLsync fence_ = nullptr;
-  Pixels pixels_;
+  AtlasPixels pixels_;
 };
 
 // --- from the atlas to frames, in the layout of the camera
@@ -84,7 +84,7 @@ struct FramePart {
 };
 
 // Writes this part of every image in the frame.
-void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, const RenderRequest& request,
+void write_frame(const AtlasPixels& pixels, const AtlasSize& size, std::size_t tile, const RenderRequest& request,
                  const FramePart& part);
 
 }  // namespace flockstep::render

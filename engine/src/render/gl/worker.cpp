@@ -70,7 +70,7 @@ struct GlWorker::Shared {
   std::uint64_t started = 0;        // number of tasks started
   std::size_t published = 0;        // rounds of the current task that have been read back
   std::size_t released = 0;         // published rounds that the caller has released
-  std::array<Pixels, kNumReadbacks> pixels;
+  std::array<AtlasPixels, kNumReadbacks> pixels;
   // Written before `ready` is set:
   std::string description;
   int max_side = 0;
@@ -165,7 +165,7 @@ void GlWorker::start() {
   shared_->changed.notify_all();
 }
 
-const Pixels& GlWorker::wait() {
+const AtlasPixels& GlWorker::wait() {
   std::unique_lock lock(shared_->mutex);
   const std::size_t round = shared_->released;
   shared_->wait(lock, [&] { return shared_->published > round || !shared_->error.empty(); });

@@ -28,6 +28,6 @@ struct RaycastScratch {
 void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch);
 
 // Writes the pixels of a tile into a frame, in the layout of the camera.
-void write_tile(const TilePixels& pixels, const PixelTile& tile, const CameraConfig& camera, const Frame& frame);
+void write_tile(const TilePixels& pixels, const PixelTile& tile, const CameraConfig& camera, const RenderTargets& frame);
 
 }  // namespace flockstep::render
