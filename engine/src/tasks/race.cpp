@@ -14,6 +14,7 @@
 
 #include "base/check_fields.hpp"
 #include "base/hash.hpp"
+#include "base/pose_access.hpp"
 #include "base/require.hpp"
 #include "tasks/flight_task.hpp"
 #include "tasks/gates.hpp"
@@ -234,11 +235,9 @@ class Race final : public FlightTask {
     const Vec3 position = last.center + (1.0F - share) * behind * leaving + share * (way - kBefore * normal_of(next));
     const float yaw = std::atan2(direction.y(), direction.x()) + kRadians * config_.start_yaw_deg * even(4);
     const float roll = kRadians * config_.start_tilt_deg * even(5), pitch = kRadians * config_.start_tilt_deg * even(6);
-    const Quat turned(std::cos(yaw / 2), 0.0F, 0.0F, std::sin(yaw / 2));
-    const Quat pitched(std::cos(pitch / 2), 0.0F, std::sin(pitch / 2), 0.0F);
-    const Quat rolled(std::cos(roll / 2), std::sin(roll / 2), 0.0F, 0.0F);
     const Vec3 velocity = is_between ? Vec3(config_.start_speed_mps * around(7)) : Vec3(Vec3::Zero());
-    return {{position + config_.start_offset_m * around(1), (turned * pitched * rolled).normalized()}, {velocity, Vec3::Zero()}};
+    return {{position + config_.start_offset_m * around(1), quat_from_rpy(roll, pitch, yaw).normalized()},
+            {velocity, Vec3::Zero()}};
   }
 
   RaceConfig config_;

@@ -2,8 +2,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 #include <sstream>
 
+#include "base/pose_access.hpp"
 #include "base/require.hpp"
 #include "flockstep/planning.hpp"
 #include "service/convert.hpp"
@@ -14,27 +16,16 @@ namespace {
 
 using protocol::Code;
 
-constexpr float kDegree = 3.14159265358979F / 180.0F;
+constexpr float kDegree = std::numbers::pi_v<float> / 180.0F;
 
-// R_z(yaw) R_y(pitch) R_x(roll)
 protocol::Quaternion quaternion_of(const protocol::Angles& angles) {
-  const Quat q = Eigen::AngleAxisf(angles.yaw_deg * kDegree, Vec3::UnitZ()) *
-                 Eigen::AngleAxisf(angles.pitch_deg * kDegree, Vec3::UnitY()) *
-                 Eigen::AngleAxisf(angles.roll_deg * kDegree, Vec3::UnitX());
+  const Quat q = quat_from_rpy(kDegree * angles.roll_deg, kDegree * angles.pitch_deg, kDegree * angles.yaw_deg);
   return {.w = q.w(), .x = q.x(), .y = q.y(), .z = q.z()};
 }
 
 protocol::Angles angles_of(const protocol::Quaternion& q) {
-  const double w = q.w, x = q.x, y = q.y, z = q.z;
-  const double sine = std::clamp(2.0 * (w * y - z * x), -1.0, 1.0);
-  constexpr double kVertical = 1.0 - 1e-7;  // the x axis points up or down: roll and yaw turn about the same axis
-  const bool is_vertical = std::abs(sine) > kVertical;
-  const double roll = is_vertical ? 2.0 * std::atan2(x, w) : std::atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y));
-  const double yaw = is_vertical ? 0.0 : std::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z));
-  constexpr double kToDegrees = 180.0 / 3.14159265358979323846;
-  return {.roll_deg = static_cast<float>(roll * kToDegrees),
-          .pitch_deg = static_cast<float>(std::asin(sine) * kToDegrees),
-          .yaw_deg = static_cast<float>(yaw * kToDegrees)};
+  const Vec3 degrees = (rpy_from_quat({q.w, q.x, q.y, q.z}) * (180.0 / std::numbers::pi)).cast<float>();
+  return {.roll_deg = degrees[0], .pitch_deg = degrees[1], .yaw_deg = degrees[2]};
 }
 
 // A row of one of the batch's own arrays, which each source has.
