@@ -94,6 +94,7 @@ struct EmbreeCounts {
 
 // All methods check their input before they change anything. They throw std::invalid_argument naming the field, the expected
 // value and the actual one. An empty mask selects every active drone or env; an env is active if one of its drones is.
+// Lists of indices are int64, as in NumPy: an EnvIndex or DroneIndex is made of a number that has been checked.
 // One thread at a time: a call while another thread is in one throws std::runtime_error, or waits if the batch is served: see
 // ServedBatch. A batch does not survive fork(): using a parent's batch in the child throws std::runtime_error.
 class FLOCKSTEP_API Batch {

@@ -71,7 +71,7 @@ float Obstacles::distance(const Vec3& point, float most) const {
     s.least = std::min(s.least, (closest_point(s.obstacles.convex(element), s.point) - s.point).norm());
     return std::nextafter(static_cast<float>(s.least), std::numeric_limits<float>::max());
   };
-  scene_->for_each_nearer(point, static_cast<float>(search.least), test, &search);
+  scene_->for_each_near(point, static_cast<float>(search.least), test, &search);
   return static_cast<float>(search.least);
 }
 

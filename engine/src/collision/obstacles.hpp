@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <memory_resource>
 #include <span>
 #include <type_traits>
@@ -53,8 +54,9 @@ class Obstacles {
   void for_each_near(const Vec3& center, float radius, Visit&& visit) const {
     const auto call = [](void* context, std::uint32_t element) {
       (*static_cast<std::remove_reference_t<Visit>*>(context))(element);
+      return std::numeric_limits<float>::infinity();  // the radius stays
     };
-    scene_->for_each_nearby(center, radius, call, &visit);
+    scene_->for_each_near(center, radius, call, &visit);
   }
 
  private:

@@ -337,37 +337,11 @@ void Scene::gather(const Vec3& origin, float near_m, float range_m, bool markers
   }
 }
 
-void Scene::for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const {
-  tree_.for_each_near(center, radius, [&](std::uint32_t element) { callback(context, element); });
-  if (!meshes_) return;
-  struct Visit {
-    NearbyCallback callback;
-    void* context;
-    std::uint32_t first_triangle;
-  } visit{callback, context, static_cast<std::uint32_t>(shapes_.size())};
-  RTCPointQuery query;
-  query.x = center.x();
-  query.y = center.y();
-  query.z = center.z();
-  query.time = 0.0F;
-  query.radius = radius;
-  RTCPointQueryContext instances;
-  rtcInitPointQueryContext(&instances);
-  rtcPointQuery(
-      meshes_.get(), &query, &instances,
-      [](RTCPointQueryFunctionArguments* args) {
-        const auto& seen = *static_cast<Visit*>(args->userPtr);
-        seen.callback(seen.context, seen.first_triangle + args->primID);
-        return false;  // the radius did not change
-      },
-      &visit);
-}
-
-void Scene::for_each_nearer(const Vec3& center, float radius, NearerCallback callback, void* context) const {
+void Scene::for_each_near(const Vec3& center, float radius, NearCallback callback, void* context) const {
   tree_.for_each_near(center, radius, [&](std::uint32_t element) { radius = std::min(radius, callback(context, element)); });
   if (!meshes_) return;
   struct Visit {
-    NearerCallback callback;
+    NearCallback callback;
     void* context;
     std::uint32_t first_triangle;
   } visit{callback, context, static_cast<std::uint32_t>(shapes_.size())};

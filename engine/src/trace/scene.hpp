@@ -27,11 +27,9 @@
 
 namespace flockstep::trace {
 
-// Called for every element near a point. An element is an index into World::primitives(), or primitives().size() + triangle
-// index.
-using NearbyCallback = void (*)(void* context, std::uint32_t element);
-// The same in a search for the nearest element: returns the remaining search radius (m).
-using NearerCallback = float (*)(void* context, std::uint32_t element);
+// Called for every element near a point; returns the remaining search radius (m), which shrinks in a search for the nearest one.
+// An element is an index into World::primitives(), or primitives().size() + triangle index.
+using NearCallback = float (*)(void* context, std::uint32_t element);
 
 // The shapes that the rays of one sensor may hit: those whose bounding boxes are within its range. Filled by Scene::gather.
 struct CandidateSet {
@@ -81,9 +79,7 @@ class Scene {
 
   // The broad phase of collision: calls back for each element except rooms whose bounding box is within radius (m) of center,
   // and possibly for some others. Allocates nothing; safe from many threads.
-  void for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const;
-  // The same, but the radius shrinks to the value that the callback returns.
-  void for_each_nearer(const Vec3& center, float radius, NearerCallback callback, void* context) const;
+  void for_each_near(const Vec3& center, float radius, NearCallback callback, void* context) const;
 
   // Prefetches the data that every sensor and every motion reads first. The scene itself must already be in the cache.
   void prefetch_parts() const {
