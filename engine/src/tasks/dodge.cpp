@@ -80,8 +80,7 @@ class Dodge final : public Task {
   void place(const TaskBlock& block) override {
     for (const DroneIndex drone : block.drones) {
       const EnvIndex env = block.context.env_of(drone);
-      const World& world = block.context.world_of(env);
-      Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2.0F);
+      Vec3 start = block.context.world_of(env).drone_start();
       for (std::uint32_t attempt = 0; attempt < kTries; ++attempt) {
         const Vec3 drawn = drawn_position(block.context, drone, kStartStream, attempt);
         if (!is_clear_of_bodies(block.context, env, drawn)) continue;

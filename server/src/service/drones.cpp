@@ -93,7 +93,7 @@ std::array<float, 3> Service::spawn_place(EnvIndex env, const std::optional<std:
                                           const std::array<float, 4>& rotation) const {
   const bool is_new = env >= static_cast<std::size_t>(batch_.config().num_envs);
   const World& world = is_new ? *batch_.worlds()[env % batch_.worlds().size()] : *batch_.world_of(env);
-  const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2.0F);
+  const Vec3 start = world.drone_start();
   const std::array<float, 3> usual = location.value_or(std::array{start.x(), start.y(), start.z()});
   const Quat given(rotation[0], rotation[1], rotation[2], rotation[3]);
   const bool is_pose = is_in_world(Vec3::Map(usual.data())) && std::abs(given.norm() - 1.0F) < 1e-2F;
