@@ -62,6 +62,19 @@ CLOSET: dict[str, Any] = {
 }
 
 
+@pytest.fixture(params=["next_step", "same_step", "disabled"])
+def mode(request: pytest.FixtureRequest) -> str:
+    """Each autoreset mode."""
+    return request.param
+
+
+def begun(num_envs: int = 1, *, seed: int = 0, **keywords: Any) -> flockstep.DroneVectorEnv:
+    """A vector env after its first reset."""
+    envs = flockstep.DroneVectorEnv(num_envs, **keywords)
+    envs.reset(seed=seed)
+    return envs
+
+
 @pytest.fixture(scope="session")
 def room() -> flockstep.World:
     return flockstep.World.from_dict(ROOM)

@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from conftest import begun
 from gymnasium import spaces
 from messages import refused
 
@@ -290,8 +291,7 @@ def test_a_fast_body_hits_what_stands_in_its_way():
 
 
 def flown(num_envs, steps=60, **keywords):
-    env = flockstep.DroneVectorEnv(num_envs, task=Seek(), **keywords)
-    env.reset(seed=3)
+    env = begun(num_envs, task=Seek(), **keywords, seed=3)
     rows = []
     for step in range(steps):
         action = np.stack([np.sin([step + i, 2 * step, 3]) for i in range(num_envs)]).astype(np.float32)
@@ -388,10 +388,7 @@ class TestPictures:
     @pytest.mark.parametrize("view", ["top", "third_person", ((3, 10, 2), (9, 10, 2))])
     def test_an_env_draws_its_bodies(self, view):
         task = flockstep.DodgeConfig()
-        envs = flockstep.DroneVectorEnv(
-            2, task=task, worlds=room(), max_bodies=1, render_mode="rgb_array", render_view=view
-        )
-        envs.reset(seed=0)
+        envs = begun(2, task=task, worlds=room(), max_bodies=1, render_mode="rgb_array", render_view=view)
         envs.batch.set_pose([[5, 10, 2]] * 2)
         empty = envs.render()
         envs.batch.bodies.spawn(self.BALL, mask=np.array([True, False]))

@@ -13,7 +13,6 @@ from flockstep.testing import check_vector_env
 
 E, M = 4, 3
 N = E * M
-MODES = ["next_step", "same_step", "disabled"]
 VALUES = ("reward_terms", "episode_return", "episode_length", "success", "crashed", "episode_end", "episode_terms")
 VALUES += ("position",)
 
@@ -87,7 +86,6 @@ class Walk(flockstep.Task):
 # ---------------------------------------------------------------------------------------------------- each
 
 
-@pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("frame_skip", [1, 3])
 def test_each_drone_has_the_episodes_of_a_single_env(mode: str, frame_skip: int) -> None:
     """All begin at the start marker: each drone of an env flies as the single env with its actions does."""
@@ -105,7 +103,6 @@ def test_each_drone_has_the_episodes_of_a_single_env(mode: str, frame_skip: int)
     assert (np.any(ends, axis=0) != np.all(ends, axis=0)).sum() > 2 * E, "they end at different times"
 
 
-@pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(
     "keywords",
     [
@@ -189,7 +186,6 @@ def test_a_mask_begins_the_episodes_of_single_drones() -> None:
     assert env.batch.episode.tolist() == [1] * E
 
 
-@pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("kind", ["navigation", "hover", "own"])
 def test_a_removed_drone_comes_back_while_its_env_flies(kind: str, mode: str) -> None:
     """It begins its next episode at the given place, and the others fly as if nothing had happened."""
@@ -313,7 +309,6 @@ def reference_of_last(actions: Any, mode: str, **keywords: Any) -> Any:
         yield expected, over.copy()
 
 
-@pytest.mark.parametrize("mode", MODES)
 def test_ended_drones_rest_until_the_last_has_ended(mode: str) -> None:
     keywords: dict[str, Any] = {"max_episode_steps": 40}
     env = envs(episodes="last", autoreset_mode=mode, **keywords)
@@ -426,7 +421,6 @@ TASKS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("episodes", ["each", "last"])
-@pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("kind", TASKS)
 def test_bits_depend_on_nothing_else(kind: str, mode: str, episodes: str) -> None:
     """Neither on threads nor blocks; env i is the single env with its seed."""
@@ -446,7 +440,6 @@ def test_bits_depend_on_nothing_else(kind: str, mode: str, episodes: str) -> Non
 
 
 @pytest.mark.parametrize("episodes", ["each", "last"])
-@pytest.mark.parametrize("mode", MODES)
 def test_one_drone_is_the_same_in_all_modes(mode: str, episodes: str) -> None:
     runs = []
     for each in ("team", episodes):
@@ -457,7 +450,6 @@ def test_one_drone_is_the_same_in_all_modes(mode: str, episodes: str) -> None:
 
 
 @pytest.mark.parametrize("episodes", ["each", "last"])
-@pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("kind", ["navigation", "hover", "camera"])
 def test_snapshots_continue(kind: str, mode: str, episodes: str) -> None:
     """A snapshot is taken at every step of rest, before and after the drones end."""
@@ -487,7 +479,6 @@ def test_snapshots_continue(kind: str, mode: str, episodes: str) -> None:
 
 
 @pytest.mark.parametrize("episodes", ["team", "each", "last"])
-@pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("kind", ["navigation", "hover", "own"])
 def test_gymnasiums_rules_hold(kind: str, mode: str, episodes: str) -> None:
     keywords: dict[str, Any] = {

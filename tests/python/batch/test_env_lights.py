@@ -8,6 +8,7 @@ import pickle
 
 import numpy as np
 import pytest
+from conftest import begun
 from messages import refused
 from simple_tasks import Still
 
@@ -227,8 +228,7 @@ class TestSetLight:
             np.testing.assert_array_equal(usual, changed)
 
     def test_a_light_survives_a_reset(self):
-        envs = flockstep.DroneVectorEnv(2, worlds=WORLDS[0], max_episode_steps=3, camera=camera())
-        envs.reset(seed=0)
+        envs = begun(2, worlds=WORLDS[0], max_episode_steps=3, camera=camera())
         envs.batch.set_light(NIGHT, envs=1)
         for _ in range(9):
             envs.step([0, 0])
@@ -239,8 +239,7 @@ class TestSetLight:
 
     def test_with_a_pool(self):
         pool = flockstep.WorldPool(lambda number: flockstep.World.playground(seed=number), size=2)
-        envs = flockstep.DroneVectorEnv(2, worlds=pool, max_episode_steps=3, camera=camera())
-        envs.reset(seed=0)
+        envs = begun(2, worlds=pool, max_episode_steps=3, camera=camera())
         envs.batch.set_light(NIGHT, envs=1)
         for _ in range(12):
             envs.step([0, 0])
@@ -251,10 +250,7 @@ class TestSetLight:
         assert envs.batch.world_of(1).light["sun_color"] == pytest.approx(NIGHT.sun_color)
 
     def test_pictures_show_the_light(self):
-        envs = flockstep.DroneVectorEnv(
-            2, worlds=WORLDS[0], render_mode="rgb_array", render_view="third_person", render_size=(64, 48)
-        )
-        envs.reset(seed=0)
+        envs = begun(2, worlds=WORLDS[0], render_mode="rgb_array", render_view="third_person", render_size=(64, 48))
         before = np.array(envs.render())
         envs.batch.set_light(NIGHT, envs=1)
         after = np.array(envs.render())
@@ -290,8 +286,7 @@ class TestSnapshots:
             assert other.snapshot() == blob
 
     def test_copies_of_envs(self):
-        envs = flockstep.DroneVectorEnv(2, worlds="train", camera=camera(), lights=LIGHTS)
-        envs.reset(seed=1)
+        envs = begun(2, worlds="train", camera=camera(), lights=LIGHTS, seed=1)
         envs.batch.set_light(GAMMA, envs=0)
         envs.batch.set_light(1, gamma=1.5)  # of a world
         envs.step([0, 0])
@@ -398,8 +393,7 @@ class TestDrawnLights:
         class Hold(Still):
             lights = (NIGHT,)
 
-        envs = flockstep.DroneVectorEnv(2, worlds=WORLDS[0], task=Hold)
-        envs.reset(seed=0)
+        envs = begun(2, worlds=WORLDS[0], task=Hold)
         assert envs.batch.world_of(1).light["sun_color"] == pytest.approx(NIGHT.sun_color)
 
     def test_recipes_and_plain_arguments(self):
@@ -462,8 +456,7 @@ class TestRefusals:
                 batch.set_light(NIGHT, envs=0)
                 return super().step(batch)
 
-        envs = flockstep.DroneVectorEnv(2, worlds=WORLDS[0], task=Relit)
-        envs.reset(seed=0)
+        envs = begun(2, worlds=WORLDS[0], task=Relit)
         with refused(RuntimeError, "set_light()", "task"):
             envs.step(np.zeros((2, 3), np.float32))
         assert envs.batch.world_of(0) is envs.batch.worlds[0]

@@ -24,7 +24,6 @@ def envs(**keywords: Any) -> flockstep.DroneVectorEnv:
     return flockstep.DroneVectorEnv(4, drones_per_env=M, **keywords)
 
 
-@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 @pytest.mark.parametrize("observation", ["goal", "pixels"])
 def test_equal_drones_return_the_results_of_the_single_env(mode: str, observation: str) -> None:
     keywords: dict[str, Any] = {"observation": observation, "autoreset_mode": mode, "max_episode_steps": 40}

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from conftest import begun
 from messages import refused
 from scipy.spatial.transform import Rotation
 from simple_tasks import Still
@@ -107,10 +108,9 @@ class TestRecording:
     @pytest.mark.parametrize("random_world", [False, True])
     def test_episodes(self, mode, random_world):
         """No segment is longer than a step; a reset begins a piece at the start."""
-        envs = flockstep.DroneVectorEnv(
+        envs = begun(
             6, worlds="train", autoreset_mode=mode, max_episode_steps=15, random_world=random_world, drones_per_env=2
         )
-        envs.reset(seed=0)
         batch = envs.batch
         batch.set_move_line_visible(True)
         actions = np.random.default_rng(0)
@@ -373,8 +373,7 @@ class TestPicture:
                 return super().step(batch)
 
         camera = flockstep.CameraConfig(width_px=20, height_px=10)
-        envs = flockstep.DroneVectorEnv(2, worlds="playground/train-1", task=Watched, camera=camera)
-        envs.reset(seed=0)
+        envs = begun(2, worlds="playground/train-1", task=Watched, camera=camera)
         with refused(RuntimeError, "picture()", "task"):
             envs.step(np.zeros((2, 3), np.float32))
 
@@ -398,14 +397,13 @@ class TestPicture:
 class TestRender:
     @pytest.mark.parametrize("view", ["top", "third_person", "camera", "fleet", ((1, 1, 4), (4, 6, 1))])
     def test_every_view_shows_the_line(self, view):
-        envs = flockstep.DroneVectorEnv(
+        envs = begun(
             3,
             worlds="playground/train-1",
             camera=flockstep.CameraConfig(width_px=128, height_px=96),
             render_mode="rgb_array",
             render_view=view,
         )
-        envs.reset(seed=0)
 
         def fly(visible):
             envs.reset(seed=0)

@@ -9,6 +9,7 @@ import time
 import gymnasium
 import numpy as np
 import pytest
+from conftest import begun
 from messages import refused
 from test_bitwise import actions_of, assert_same, episodes, history
 
@@ -108,8 +109,7 @@ def test_a_curriculum_gets_harder():
         return World.playground(number, pillars=round(pillars), size_m=(10, 10, 4))
 
     pool = WorldPool(playground, 4, 2.0, difficulty=(2, 8, 12))
-    envs = flockstep.DroneVectorEnv(4, worlds=pool, max_episode_steps=1, autoreset_mode="same_step")
-    envs.reset(seed=0)
+    envs = begun(4, worlds=pool, max_episode_steps=1, autoreset_mode="same_step")
     pillars = []
     for _ in range(10):
         worlds = [envs.batch.world_of(i) for i in range(4)]
@@ -245,19 +245,16 @@ def test_pictures_are_of_the_world_that_a_drone_is_in():
 @pytest.mark.parametrize("view", ["top", "third_person"])
 def test_views_show_the_world_that_a_drone_is_in(view):
     arguments = {"render_mode": "rgb_array", "render_view": view, "render_size": (64, 48)}
-    envs = flockstep.DroneVectorEnv(2, worlds=WorldPool(hall, 16, 1.0), **arguments)
-    envs.reset(seed=0)
+    envs = begun(2, worlds=WorldPool(hall, 16, 1.0), **arguments)
     envs.render()
     envs.reset()
     for i, frame in enumerate(envs.render()):
-        alone = flockstep.DroneVectorEnv(1, worlds=hall(int(envs.batch.world_index[i])), **arguments)
-        alone.reset(seed=0)
+        alone = begun(1, worlds=hall(int(envs.batch.world_index[i])), **arguments)
         np.testing.assert_array_equal(frame, alone.render()[0])
 
 
 # ------------------------------------------------------------------------------------------- drones that end separately
 
-MODES = ["next_step", "same_step", "disabled"]
 M = 3
 
 
@@ -286,7 +283,6 @@ def flown(envs, steps=60):
 
 
 @pytest.mark.parametrize("source", ["pool", "random_world"])
-@pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("episodes", ["each", "last"])
 def test_drones_of_an_env_are_in_the_world_that_its_episode_draws(episodes, mode, source):
     """With "each" the episode of an env ends only by its reset."""
@@ -321,7 +317,6 @@ def test_drones_of_an_env_are_in_the_world_that_its_episode_draws(episodes, mode
     assert max(seen) == 1 if episodes == "each" else max(seen) >= 3
 
 
-@pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("episodes", ["each", "last"])
 def test_separate_ends_keep_their_bits_with_a_pool(episodes, mode):
     """Neither threads nor blocks nor the time that worlds take nor other envs matter."""
@@ -338,7 +333,6 @@ def test_separate_ends_keep_their_bits_with_a_pool(episodes, mode):
                 np.testing.assert_array_equal(a[: len(b)], b)
 
 
-@pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("episodes", ["each", "last"])
 def test_snapshots_of_separate_ends_continue_in_their_worlds(episodes, mode):
     envs, other = (team(WorldPool(hall_at_leisure, 9, 1.0), episodes, mode) for _ in range(2))
@@ -385,8 +379,7 @@ def test_a_snapshot_of_other_worlds_is_refused():
 
 
 def test_copies_and_pickles_go_on_as_the_env_does():
-    envs = flockstep.DroneVectorEnv(4, worlds=WorldPool(hall, 8, 1.0), max_episode_steps=3)
-    envs.reset(seed=3)
+    envs = begun(4, worlds=WorldPool(hall, 8, 1.0), max_episode_steps=3, seed=3)
     for _ in range(7):
         envs.step([0] * 4)
     twins = [copy.deepcopy(envs), pickle.loads(pickle.dumps(envs))]

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from conftest import begun
 from gymnasium import spaces
 from messages import refused
 from rigid_body import FRAMES, OPEN, batch_of, frame, plain
@@ -255,8 +256,7 @@ def test_a_drone_that_is_stopped_before_it_is_lost_is_not_lost():
 
 def test_a_lost_flight_ends_the_episode_as_a_bad_state():
     stiff = flockstep.DroneModel.from_dict(plain("x500", inertia_kgm2=[1e-9] * 3))
-    envs = flockstep.DroneVectorEnv(2, task=flockstep.HoverConfig(), drone=stiff)
-    envs.reset(seed=0)
+    envs = begun(2, task=flockstep.HoverConfig(), drone=stiff)
     actions = np.zeros((2, 4), np.float32)
     actions[1] = [0.5, 0.6, 0.5, 0.5]
     infos = envs.step(actions)[-1]
@@ -455,8 +455,7 @@ class Attitude(flockstep.Task):
 
 
 def test_a_yaw_that_a_task_returns_in_degrees_warns_once():
-    envs = flockstep.DroneVectorEnv(2, task=Attitude, worlds=OPEN)
-    envs.reset(seed=0)
+    envs = begun(2, task=Attitude, worlds=OPEN)
     with refused(RuntimeWarning, "act", 0, 90):
         envs.step(np.zeros((2, 3), np.float32))
     envs.step(np.zeros((2, 3), np.float32))

@@ -244,7 +244,6 @@ def test_threads_do_not_change_the_bits(make):
     assert_same(one, trained(1, of_env=3))
 
 
-@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 def test_every_kind_of_environment_counts_the_same_episodes(mode):
     """Tasks in C++ and Python, Gymnasium's vector envs, and VecEnvs."""
     make_still = [lambda: Still() for _ in range(3)]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import begun
 from messages import refused
 
 import flockstep
@@ -37,8 +38,7 @@ def noted(envs, overlay=FlightOverlay, row=0, **arguments):
 
 
 def flown(config, steps=10, num_envs=1, **keywords):
-    envs = flockstep.DroneVectorEnv(num_envs, task=config, render_mode="rgb_array", **keywords)
-    envs.reset(seed=3)
+    envs = begun(num_envs, task=config, render_mode="rgb_array", **keywords, seed=3)
     envs.action_space.seed(3)
     for _ in range(steps):
         envs.step(envs.action_space.sample())
@@ -167,8 +167,7 @@ def test_formation_shows_the_place():
 
 
 def test_some_envs_are_drawn(closet):
-    envs = flockstep.DroneVectorEnv(5, worlds=closet, render_mode="rgb_array", random_start=True)
-    envs.reset(seed=1)
+    envs = begun(5, worlds=closet, render_mode="rgb_array", random_start=True, seed=1)
     envs.step(np.arange(5))
     every = envs.render()
     assert len(every) == 5

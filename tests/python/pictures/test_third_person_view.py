@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
+from conftest import begun
 from messages import refused
 
 import flockstep
@@ -329,10 +330,7 @@ def test_the_trail_is_where_the_drone_was(room):
 
 
 def test_a_trail_begins_with_its_episode():
-    envs = flockstep.DroneVectorEnv(
-        3, worlds="train", render_mode="rgb_array", render_view="third_person", max_episode_steps=4
-    )
-    envs.reset(seed=0)
+    envs = begun(3, worlds="train", render_mode="rgb_array", render_view="third_person", max_episode_steps=4)
     start = envs.batch.position.copy()
     for _ in range(4):
         envs.step([0, 1, 2])
@@ -453,8 +451,7 @@ def test_an_envs_own_camera_is_shown_and_its_view_drawn(room):
     camera = flockstep.CameraConfig(name="eye", width_px=32, height_px=24)
     shown = {}
     for name in ("camera", "third_person"):
-        envs = flockstep.DroneVectorEnv(2, worlds=room, camera=camera, render_mode="rgb_array", render_view=name)
-        envs.reset(seed=0)
+        envs = begun(2, worlds=room, camera=camera, render_mode="rgb_array", render_view=name)
         envs.step([0, 2])
         shown[name] = envs.render()
         if name == "camera":

@@ -6,6 +6,7 @@ import pickle
 import gymnasium
 import numpy as np
 import pytest
+from conftest import begun
 from messages import refused
 from rigid_body import CONTROLS, OPEN
 from scipy.spatial.transform import Rotation
@@ -40,8 +41,7 @@ def tracking(path, yaw):
 
 
 def make(config, num_envs=1, **keywords):
-    envs = flockstep.DroneVectorEnv(num_envs, task=config, **{"worlds": ROOM, "policy_hz": POLICY_HZ, **keywords})
-    envs.reset(seed=0)
+    envs = begun(num_envs, task=config, **{"worlds": ROOM, "policy_hz": POLICY_HZ, **keywords})
     return envs
 
 
@@ -446,8 +446,7 @@ def flown(envs, steps, first=0):
 
 def shaken(config, num_envs=6, **keywords):
     arguments = {"max_episode_steps": 15, "worlds": WORLDS, "random_world": True, **keywords}
-    envs = flockstep.DroneVectorEnv(num_envs, task=config, **arguments)
-    envs.reset(seed=4)
+    envs = begun(num_envs, task=config, **arguments, seed=4)
     return envs
 
 

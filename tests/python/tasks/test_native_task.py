@@ -51,7 +51,6 @@ def test_what_it_declares_is_its_space(env_id):
     assert envs.unwrapped.batch.spec.reward_terms == ["closer", "arrived"]
 
 
-@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 def test_passes_the_checker(env_id, mode):
     arguments = {"worlds": HALL, "autoreset_mode": mode, "max_episode_steps": 20}
     check_vector_env(lambda n: gymnasium.make_vec(env_id, num_envs=n, **arguments))

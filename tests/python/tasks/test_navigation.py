@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import begun
 from messages import refused
 
 import flockstep
@@ -49,7 +50,6 @@ def homing(batch, rng, kind):
 @pytest.mark.parametrize(
     "reward", [flockstep.NavigationReward(), WEIGHTED, OVERSHOOT], ids=["thesis", "weighted", "overshoot"]
 )
-@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, reward, mode):
     worlds = [room, closet, *playgrounds]
     lidar = flockstep.LidarConfig()
@@ -90,8 +90,7 @@ def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, re
 class TestByHand:
     @pytest.fixture
     def env(self, room):
-        env = flockstep.DroneVectorEnv(1, worlds=room, num_threads=1)
-        env.reset(seed=0)
+        env = begun(1, worlds=room, num_threads=1)
         return env
 
     def test_the_first_observation(self, env):
@@ -132,7 +131,6 @@ def test_the_thesis_rewards_come_about_with_its_switch(playgrounds):
     assert 10_500 < total < 12_000
 
 
-@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 def test_a_task_in_python_has_the_same_episodes(room, closet, playgrounds, example, mode):
     """Frame skip, staggered time limits and random worlds belong to the engine, for tasks in any language."""
     lidar, config = flockstep.LidarConfig(), flockstep.NavigationConfig()
@@ -164,8 +162,7 @@ def test_a_task_in_python_has_the_same_episodes(room, closet, playgrounds, examp
 
 def test_the_engines_terms_are_those_of_the_twin(room, playgrounds, example):
     task = example("navigation_numpy").Navigation(flockstep.NavigationConfig(), flockstep.LidarConfig())
-    envs = flockstep.DroneVectorEnv(40, worlds=[room, *playgrounds], task=task)
-    envs.reset(seed=0)
+    envs = begun(40, worlds=[room, *playgrounds], task=task)
     batch, rng = envs.batch, np.random.default_rng(2)
     for _ in range(60):
         envs.step(rng.integers(6, size=40))
