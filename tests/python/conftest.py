@@ -75,6 +75,19 @@ def begun(num_envs: int = 1, *, seed: int = 0, **keywords: Any) -> flockstep.Dro
     return envs
 
 
+def flat_batch(worlds: Any, num_drones: int = 1, **fields: Any) -> flockstep.Batch:
+    """A batch of which the dynamics, the clock and the episodes may be given by their fields."""
+    for name, config in (
+        ("dynamics", flockstep.DynamicsConfig),
+        ("clock", flockstep.ClockConfig),
+        ("episode", flockstep.EpisodeConfig),
+    ):
+        own = {field: fields.pop(field) for field in config.__match_args__ if field in fields}
+        if own:
+            fields[name] = config(**own)
+    return flockstep.Batch(worlds, num_drones, **fields)
+
+
 @pytest.fixture(scope="session")
 def room() -> flockstep.World:
     return flockstep.World.from_dict(ROOM)

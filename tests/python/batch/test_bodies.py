@@ -268,9 +268,8 @@ def test_scripts_that_contacts_could_not_follow_are_refused(motion):
         batch.bodies.spawn(fast)
     assert not batch.bodies.active.any()
     enough = float(str(caught.value).split("physics_hz to ")[1].split()[0])
-    flockstep.Batch(
-        [world], 1, bodies=[fast], clock=flockstep.ClockConfig(policy_hz=10, physics_hz=10 * round(enough / 10 + 0.5))
-    )
+    clock = flockstep.ClockConfig(policy_hz=10, physics_hz=10 * round(enough / 10 + 0.5))
+    flockstep.Batch([world], 1, bodies=[fast], clock=clock)
 
 
 def test_a_fast_body_hits_what_stands_in_its_way():

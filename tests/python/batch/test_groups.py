@@ -406,8 +406,7 @@ def test_a_single_drone_meets_nobody(task: Any, interaction: str) -> None:
         env.action_space.seed(0)
     for _ in range(60):
         a, b = (env.step(env.action_space.sample()) for env in runs)
-        for first, second in zip(a[:4], b[:4], strict=True):
-            np.testing.assert_array_equal(first, second)
+        np.testing.assert_equal(a[:4], b[:4])
         np.testing.assert_array_equal(runs[0].batch.position, runs[1].batch.position)
     assert (runs[1].batch.contact.drone == -1).all()
 

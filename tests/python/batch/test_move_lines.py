@@ -163,8 +163,7 @@ class TestRecording:
                     envs.batch.picture(0)
             return found
 
-        for usual, watched in zip(flown(False), flown(True), strict=True):
-            np.testing.assert_array_equal(usual, watched)
+        np.testing.assert_equal(flown(False), flown(True))
 
     @pytest.mark.parametrize(
         ("call", "error", "said"),

@@ -28,8 +28,7 @@ every_mode = pytest.mark.parametrize("mode", MODES)
 
 
 def room_of(num_drones=1, mode="bounce", data=BODY, **settings):
-    batch = batch_of(data, num_drones, physics_hz=500, worlds=[ROOM], on_contact=mode, **settings)
-    return batch
+    return batch_of(data, num_drones, physics_hz=500, worlds=[ROOM], on_contact=mode, **settings)
 
 
 def launch(batch, position, velocity, quat_wxyz=None):

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from ardupilot_pilot import IDLE, Controller, Pilot, parse, servo_packet
 from clients import eventually
+from conftest import flat_batch
 from messages import refused
 from scipy.spatial.transform import Rotation
 
@@ -29,14 +30,7 @@ FLU_TO_FRD = np.diag([1.0, -1.0, -1.0])
 
 def batch_of(num_drones=1, *, drone="x500", control="rotor_thrusts", physics_hz=1200, per_env=1, **settings):
     settings = {"motion": "rotors", "control": control, "on_contact": "stop"} | settings
-    batch = flockstep.Batch(
-        [HALL],
-        num_drones,
-        drone=drone,
-        drones_per_env=per_env,
-        clock=flockstep.ClockConfig(physics_hz=physics_hz),
-        dynamics=flockstep.DynamicsConfig(**settings),
-    )
+    batch = flat_batch([HALL], num_drones, drone=drone, drones_per_env=per_env, physics_hz=physics_hz, **settings)
     batch.set_pose([[START[0] + i, *START[1:]] for i in range(num_drones)])
     return batch
 

@@ -116,8 +116,7 @@ def state_of(model):
 
 
 def assert_same(one, other):
-    for expected, got in zip(state_of(one), state_of(other), strict=True):
-        np.testing.assert_array_equal(got, expected)
+    np.testing.assert_equal(state_of(one), state_of(other))
 
 
 # --- learners without a model

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 import flockstep
 from flockstep.rotations import rotate
-from flockstep.testing import check_vector_env
 
 ROOM = flockstep.World.from_dict(
     {"flockstep_scene": 1, "room": {"min": [10, -6, 0], "max": [22, 6, 8]}, "markers": {"goal": [15, 0.5, 4]}}
@@ -135,11 +134,6 @@ class TestTwins:
             ways += [infos["success"].sum(), (ours[3] & ~infos["success"]).sum(), ours[2].sum()]
         assert (ways[:2] > 0).all(), ways
         assert ways[2] > 0 or dynamics["control"] == "position", ways
-
-
-@BOTH
-def test_the_checker(config):
-    check_vector_env(lambda n: flockstep.DroneVectorEnv(n, task=config, max_episode_steps=20), steps=50)
 
 
 def looks_even(values, low, high):

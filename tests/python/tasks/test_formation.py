@@ -6,7 +6,6 @@ from messages import refused
 
 import flockstep
 from flockstep import EpisodeEnd
-from flockstep.testing import check_vector_env
 
 ROUNDING = 2e-5
 SHAPES = ("line", "column", "v", "circle")
@@ -260,10 +259,6 @@ class TestObservation:
         assert (envs.num_groups, envs.drones_per_env, envs.num_envs) == (2, 4, 8)
         assert envs.recipe.interaction == "both"
         assert (envs.batch.lidar().ranges < 4).any()  # drones see each other
-
-
-def test_it_keeps_the_rules_of_environments():
-    check_vector_env(lambda n: flockstep.DroneVectorEnv(n, task=flockstep.FormationConfig(), max_episode_steps=30))
 
 
 @pytest.mark.parametrize(

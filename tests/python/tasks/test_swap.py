@@ -6,7 +6,6 @@ from messages import refused
 
 import flockstep
 from flockstep import EpisodeEnd
-from flockstep.testing import check_vector_env
 
 ROUNDING = 2e-5
 NOISE = flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=2.0)
@@ -110,10 +109,6 @@ class TestObservation:
             observation, *_ = envs.step(0.5 * observation[:, :2])
         assert (observation[:, 2] < distance - 0.05).all()
         np.testing.assert_allclose(envs.batch.position[:, 2], height, atol=0.1)
-
-
-def test_it_keeps_the_rules_of_environments():
-    check_vector_env(lambda n: flockstep.DroneVectorEnv(n, task=flockstep.SwapConfig(), max_episode_steps=30))
 
 
 @pytest.mark.parametrize(("mode", "drones"), [("next_step", 5), ("same_step", 8), ("disabled", 1)])

@@ -18,12 +18,6 @@ import flockstep
 from flockstep.testing import check_vector_env
 
 
-def test_a_small_task_passes_the_checker(room, mode):
-    check_vector_env(
-        lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=Climb(), autoreset_mode=mode, num_threads=1)
-    )
-
-
 def test_statistics_of_episodes(room):
     env = flockstep.DroneVectorEnv(2, worlds=room, task=Climb())
     observation, _ = env.reset(seed=0)
@@ -46,11 +40,6 @@ def test_statistics_of_episodes(room):
 
 
 class TestWhatATaskReports:
-    def test_passes_the_checker(self, room, mode):
-        check_vector_env(
-            lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=Lapper(), autoreset_mode=mode, num_threads=1)
-        )
-
     @pytest.mark.parametrize("frame_skip", [1, 2])
     def test_ends_infos_and_terms(self, room, mode, frame_skip):
         env = begun(2, worlds=room, task=Lapper(), autoreset_mode=mode, frame_skip=frame_skip)
@@ -215,12 +204,23 @@ class Look(flockstep.Task):
         return {"height": batch.position[:, 2:], "image": batch.camera().grey}
 
 
-class TestSeveralFields:
-    def test_passes_the_checker(self, room, mode):
-        check_vector_env(
-            lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=Look(), autoreset_mode=mode, num_threads=1)
-        )
+@pytest.mark.parametrize("task", [Climb, Lapper, Look])
+def test_small_tasks_pass_the_checker(room, mode, task):
+    check_vector_env(
+        lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=task(), autoreset_mode=mode, num_threads=1)
+    )
 
+
+@pytest.mark.parametrize(
+    ("name", "limit", "steps"),
+    [("Hover", 20, 50), ("Track", 20, 50), ("Race", 20, 50), ("Swap", 30, 100), ("Formation", 30, 100)],
+)
+def test_the_engines_tasks_pass_the_checker(name, limit, steps):
+    config = getattr(flockstep, f"{name}Config")()
+    check_vector_env(lambda n: flockstep.DroneVectorEnv(n, task=config, max_episode_steps=limit), steps=steps)
+
+
+class TestSeveralFields:
     def test_of_observation_and_reward(self, room):
         envs = flockstep.DroneVectorEnv(3, worlds=room, task=Look, copy=False)
         observation, _ = envs.reset(seed=0)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import begun
+from conftest import begun, flat_batch
 from gymnasium import spaces
 from messages import refused
 from rigid_body import CONTROLS
@@ -135,12 +135,7 @@ class TestRandom:
 
 class TestPlacingRows:
     def pair(self):
-        batches = [
-            flockstep.Batch(
-                [HALL], 6, drone=flockstep.DroneModel.load("racer5"), dynamics=flockstep.DynamicsConfig(motion="rotors")
-            )
-            for _ in range(2)
-        ]
+        batches = [flat_batch([HALL], 6, drone="racer5", motion="rotors") for _ in range(2)]
         for batch in batches:
             random_poses(batch)
             batch.set_velocity(np.ones((6, 3)), np.ones((6, 3)), np.full((6, 4), 100.0))
@@ -189,13 +184,7 @@ class TestPlacingRows:
 class TestBodyFrame:
     @pytest.fixture
     def batch(self):
-        batch = flockstep.Batch(
-            [HALL],
-            40,
-            pose_sensor=NOISE,
-            drone=flockstep.DroneModel.load("racer5"),
-            dynamics=flockstep.DynamicsConfig(motion="rotors"),
-        )
+        batch = flat_batch([HALL], 40, pose_sensor=NOISE, drone="racer5", motion="rotors")
         batch.seed(np.arange(40))
         random_poses(batch)
         batch.set_velocity(np.random.default_rng(1).normal(0, 5, (40, 3)))
@@ -301,18 +290,16 @@ def levels_of(drone, dynamics, most_to_weight):
 
 class TestCommand:
     def batch(self, control, drone="racer5", num_drones=50):
-        batch = flockstep.Batch(
+        batch = flat_batch(
             [HALL],
             num_drones,
-            drone=flockstep.DroneModel.load(drone),
-            dynamics=flockstep.DynamicsConfig(
-                motion="rotors",
-                control=control,
-                max_rate_dps=300,
-                max_yaw_rate_dps=100,
-                max_tilt_deg=50,
-                max_speed_mps=3,
-            ),
+            drone=drone,
+            motion="rotors",
+            control=control,
+            max_rate_dps=300,
+            max_yaw_rate_dps=100,
+            max_tilt_deg=50,
+            max_speed_mps=3,
         )
         random_poses(batch)
         return batch
@@ -387,7 +374,7 @@ class TestNeighbors:
 
     def test_have_the_velocities_of_rotor_driven_drones(self):
         dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity")
-        batch = flockstep.Batch([HALL], 2, drones_per_env=2, drone=flockstep.DroneModel.load("x500"), dynamics=dynamics)
+        batch = flockstep.Batch([HALL], 2, drones_per_env=2, drone="x500", dynamics=dynamics)
         batch.set_pose([[0, 0, 5], [2, 0, 5]])
         batch.set_velocity([[1, 0, 0], [0, 3, 0]])
         batch.sense()
