@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from conftest import begun
+from conftest import begun, world_of
 from gymnasium import spaces
 from messages import refused
 
@@ -256,7 +256,7 @@ FAST = {
 
 @pytest.mark.parametrize("motion", FAST.values(), ids=FAST)
 def test_scripts_that_contacts_could_not_follow_are_refused(motion):
-    world = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0] * 3, "max": [20, 20, 10]}})
+    world = world_of(room={"min": [0] * 3, "max": [20, 20, 10]})
     fast = BodyConfig(shape="sphere", size_m=[0.5] * 3, position_m=[10, 10, 5], motion=motion)
     slow = flockstep.ClockConfig(policy_hz=10)
     with refused(ValueError, "too fast for contacts", 10, "physics_hz to") as caught:
@@ -274,7 +274,7 @@ def test_scripts_that_contacts_could_not_follow_are_refused(motion):
 
 def test_a_fast_body_hits_what_stands_in_its_way():
     """A ball flies around its circle of 5 m in 0.4 s and meets the drone in every turn."""
-    world = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0] * 3, "max": [20, 20, 10]}})
+    world = world_of(room={"min": [0] * 3, "max": [20, 20, 10]})
     motion = BodyMotion(kind="orbit", period_s=0.4, center_m=[10, 10, 5])
     ball = BodyConfig(shape="sphere", size_m=[0.5] * 3, position_m=[15, 10, 5], motion=motion)
     clock = flockstep.ClockConfig(policy_hz=10, physics_hz=1000)

@@ -5,6 +5,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from conftest import world_of
 from gymnasium.wrappers.vector import RecordEpisodeStatistics, RecordVideo
 from messages import refused
 
@@ -80,12 +81,9 @@ def test_the_first_drone_equals_the_single_env_until_a_teammate_ends(task: Any) 
 
 @pytest.mark.parametrize("on_contact", ["stop", "bounce"])
 def test_each_drone_flies_as_a_batch_of_single_drones_does(on_contact: str) -> None:
-    world = flockstep.World.from_dict(
-        {
-            "flockstep_scene": 1,
-            "room": {"min": [-4, -4, 0], "max": [4, 4, 3]},
-            "pillars": [{"center": [1, 0], "radius": 0.3}, {"center": [-1, 1], "radius": 0.2}],
-        }
+    world = world_of(
+        room={"min": [-4, -4, 0], "max": [4, 4, 3]},
+        pillars=[{"center": [1, 0], "radius": 0.3}, {"center": [-1, 1], "radius": 0.2}],
     )
     keywords: dict[str, Any] = {
         "dynamics": flockstep.DynamicsConfig(motion="rotors", control="body_rates", on_contact=on_contact),
@@ -193,9 +191,7 @@ def test_a_lost_drone_of_a_team_row_leaves_the_others_as_in_any_other_number_of_
         def observe(self, batch: flockstep.Batch) -> Any:
             return batch.position.reshape(-1, 3 * members)
 
-    world = flockstep.World.from_dict(
-        {"flockstep_scene": 1, "boxes": [{"center": [0, 0, 0], "size": [1, 1, 1]}], "markers": {"start": [5, 5, 5]}}
-    )
+    world = world_of(boxes=[{"center": [0, 0, 0], "size": [1, 1, 1]}], markers={"start": [5, 5, 5]})
     observations = []
     for num_envs in (1, 7):
         env = flockstep.DroneVectorEnv(
@@ -414,7 +410,7 @@ def test_a_single_drone_meets_nobody(task: Any, interaction: str) -> None:
 @pytest.mark.parametrize("motion", ["kinematic", "rotors"])
 def test_many_drones_at_one_point_and_in_a_cubic_metre(motion: str) -> None:
     """10,000 that do not interact fly as one does; 60 that do all report each other, and all numbers are finite."""
-    world = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-2, -2, -2], "max": [2, 2, 2]}})
+    world = world_of(room={"min": [-2, -2, -2], "max": [2, 2, 2]})
     dynamics = flockstep.DynamicsConfig(motion=motion, **({"control": "velocity"} if motion == "rotors" else {}))
 
     def batch_of(count: int, interaction: str) -> flockstep.Batch:

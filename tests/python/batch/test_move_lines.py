@@ -5,14 +5,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import begun
+from conftest import begun, world_of
 from messages import refused
 from scipy.spatial.transform import Rotation
 from simple_tasks import Still
 
 import flockstep
 
-OPEN = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-200] * 3, "max": [200] * 3}})
+OPEN = world_of(room={"min": [-200] * 3, "max": [200] * 3})
 GREEN = np.array([0, 230, 60])
 
 
@@ -93,7 +93,7 @@ class TestRecording:
         np.testing.assert_array_equal(batch.move_line(2), [[0, 0, 0], [1, 0, 0], [np.nan] * 3, [6, 0, 0], [7, 0, 0]])
 
     def test_another_world_begins_a_new_line(self):
-        other = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-9] * 3, "max": [9] * 3}})
+        other = world_of(room={"min": [-9] * 3, "max": [9] * 3})
         batch = batch_of([OPEN, other], 2, 1, outputs=["rgb"])
         batch.set_move_line_visible(True)
         batch.move([[1, 0, 0]] * 2)
@@ -281,13 +281,7 @@ class TestPicture:
 
     def test_a_wall_hides_the_line(self):
         """A wall at x = 5; the line passes behind it, then in front of it, and beside it."""
-        wall = flockstep.World.from_dict(
-            {
-                "flockstep_scene": 1,
-                "room": {"min": [-20] * 3, "max": [20] * 3},
-                "boxes": [{"center": [5, 0, 0], "size": [0.1, 4, 4]}],
-            }
-        )
+        wall = world_of(room={"min": [-20] * 3, "max": [20] * 3}, boxes=[{"center": [5, 0, 0], "size": [0.1, 4, 4]}])
         batch = batch_of([wall], width_px=320, height_px=240)
         path = [[7, -6, 0.5], [7, 6, 0.5], [3, 6, -0.5], [3, -6, -0.5]]
         draw(batch, path)

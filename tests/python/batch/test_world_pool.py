@@ -9,7 +9,7 @@ import time
 import gymnasium
 import numpy as np
 import pytest
-from conftest import begun
+from conftest import begun, world_of
 from messages import refused
 from test_bitwise import actions_of, episodes, history
 
@@ -22,18 +22,16 @@ LIDAR = flockstep.LidarConfig()
 def hall(number):
     """A small room whose pillar's position depends on the number."""
     x, y = np.random.default_rng(number).uniform([2.2, 0.8], [4.8, 4.2])
-    scene = {
-        "flockstep_scene": 1,
-        "name": f"hall-{number}",
-        "room": {"min": [0, 0, 0], "max": [6, 5, 3]},
-        "pillars": [{"center": [x, y], "radius": 0.3}],
-        "markers": {
+    return world_of(
+        name=f"hall-{number}",
+        room={"min": [0, 0, 0], "max": [6, 5, 3]},
+        pillars=[{"center": [x, y], "radius": 0.3}],
+        markers={
             "start": [1, 2.5, 1.5],
             "goal": [5.2, 2.5, 1.5],
             "spawn_box": {"min": [0.7, 2, 1], "max": [1.3, 3, 2]},
         },
-    }
-    return World.from_dict(scene)
+    )
 
 
 def hall_at_leisure(number):
@@ -199,8 +197,8 @@ def flight(num_drones, worlds, **arguments):
 def pad(number):
     """A hall whose floor height depends on the number, with the drone just above the floor."""
     z = 0.1 * (number % 7)
-    scene = {"flockstep_scene": 1, "name": f"pad-{number}", "room": {"min": [-4, -4, z], "max": [4, 4, 5]}}
-    return World.from_dict({**scene, "markers": {"goal": [0.1 * number, 0, z + 0.35]}})
+    room, markers = {"min": [-4, -4, z], "max": [4, 4, 5]}, {"goal": [0.1 * number, 0, z + 0.35]}
+    return world_of(name=f"pad-{number}", room=room, markers=markers)
 
 
 @pytest.mark.parametrize("pool", [True, False])
@@ -436,7 +434,7 @@ class TestFailures:
 
     def test_a_world_that_the_task_cannot_be_flown_in(self):
         def how():
-            return World.from_dict({"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [6, 5, 3]}})
+            return world_of(room={"min": [0, 0, 0], "max": [6, 5, 3]})
 
         batch = self.batch(range(1, 99), how)
         with refused(ValueError, "of the pool", "markers.start"):

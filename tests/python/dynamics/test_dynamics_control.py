@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import world_of
 from messages import refused
 from rigid_body import FRAMES, FULL, GRAVITY, MIDDLE, OPEN, angle_between, batch_of, fly_for, frame, rows_of
 from scipy.spatial.transform import Rotation
@@ -241,7 +242,7 @@ def commands(control):
 
 def made(control, **settings):
     """Fast drones in gusts, in a room that some of them hit, with a controller slower than the physics."""
-    room = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-1] * 3, "max": [1] * 3}})
+    room = world_of(room={"min": [-1] * 3, "max": [1] * 3})
     wind = flockstep.WindConfig(mean_mps=(1.0, 0.5, 0.0), gusts="ornstein_uhlenbeck")
     defaults = {"control": control, "on_contact": "bounce", "ground_effect": True, "wind": wind, "controller_hz": 250}
     batch = batch_of(FULL, DRONES, 50, num_threads=2, block_size=8, worlds=[room], **defaults | settings)

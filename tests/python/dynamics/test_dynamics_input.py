@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import begun, flat_batch
+from conftest import begun, flat_batch, placed
 from gymnasium import spaces
 from messages import refused
 from rigid_body import FRAMES, OPEN, batch_of, frame, plain
@@ -383,8 +383,7 @@ def test_a_drone_is_placed_level_unless_an_attitude_is_given():
 
 
 def test_a_kinematic_drone_keeps_its_attitude():
-    batch = flockstep.Batch([OPEN], 1)
-    batch.set_pose([1, 2, 5], [0.6, 0, 0.8, 0])
+    batch = placed([OPEN], [1, 2, 5], [0.6, 0, 0.8, 0])
     batch.set_pose([2, 2, 5])
     np.testing.assert_array_equal(batch.quat_wxyz, np.float32([[0.6, 0, 0.8, 0]]))
 

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from conftest import world_of
 from rigid_body import GRAVITY, OPEN, angle_between, batch_of, frame, rows_of
 
 import flockstep
 
-HALL = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [20, 20, 10]}})
+HALL = world_of(room={"min": [0, 0, 0], "max": [20, 20, 10]})
 
 
 @pytest.mark.parametrize("on_contact", ["stop", "bounce", "terminate"])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import begun
+from conftest import begun, world_of
 from messages import refused
 
 import flockstep
@@ -97,9 +97,7 @@ def test_track_shows_where_its_path_is():
 @pytest.mark.parametrize("shape", ["square", "ring"])
 def test_race_shows_its_next_gate_and_the_speed(shape):
     turned = {"quat_wxyz": [0.5**0.5, 0, 0, 0.5**0.5], "shape": shape, "size": 1.8}  # is passed along y
-    world = flockstep.World.from_dict(
-        {"flockstep_scene": 1, "gates": [{"center": [0, 0, 5]}, {"center": [8, 0, 5], **turned}]}
-    )
+    world = world_of(gates=[{"center": [0, 0, 5]}, {"center": [8, 0, 5], **turned}])
     envs = flown(flockstep.RaceConfig(start="gate"), steps=0, worlds=world)
     while envs.batch.task_state["target"][0] != 1:
         envs.reset()

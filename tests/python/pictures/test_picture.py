@@ -3,7 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
-from conftest import begun
+from conftest import begun, placed
 from messages import refused
 
 import flockstep
@@ -16,8 +16,7 @@ def test_a_picture_is_what_a_drones_camera_sees(room):
     camera = flockstep.CameraConfig(name="any", width_px=40, height_px=30, outputs=("rgb", "depth", "instance"))
     quat_wxyz = [0.8, 0.0, 0.0, 0.6]
     picture = flockstep.render(room, (3, 4, 2), quat_wxyz, camera=camera)
-    batch = flockstep.Batch([room], cameras=[camera])
-    batch.set_pose(np.float32([[3, 4, 2]]), np.float32([quat_wxyz]))
+    batch = placed([room], [[3, 4, 2]], [quat_wxyz], cameras=[camera])
     batch.capture()
     assert list(picture) == ["rgb", "depth", "instance"]
     for output, array in picture.items():

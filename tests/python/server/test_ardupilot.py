@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from ardupilot_pilot import IDLE, Controller, Pilot, parse, servo_packet
 from clients import eventually
-from conftest import flat_batch
+from conftest import flat_batch, world_of
 from messages import refused
 from scipy.spatial.transform import Rotation
 
@@ -21,7 +21,7 @@ import flockstep
 from flockstep.bridges import ArduPilotBridge
 from flockstep.bridges.ardupilot import rotors_of_quad_x, state_line
 
-HALL = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-20, -20, 0], "max": [20, 20, 10]}})
+HALL = world_of(room={"min": [-20, -20, 0], "max": [20, 20, 10]})
 START = (2.0, -3.0, 0.15)  # m: just above the floor, east of the origin and south of it
 # Rows: north, east, down in our world frame; forward, right, down in our body frame.
 ENU_TO_NED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]], float)

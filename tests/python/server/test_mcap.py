@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import ROOT, begun
+from conftest import ROOT, begun, placed
 from mcap.exceptions import McapError
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
@@ -280,8 +280,7 @@ class TestEnvironments:
 
     def test_a_changed_lidar(self, tmp_path):
         """Directions follow `Batch.set_lidar`."""
-        batch = flockstep.Batch("playground/train-1", 1, lidar=flockstep.LidarConfig(max_range_m=20))
-        batch.set_pose([[3, 3, 2]])
+        batch = placed("playground/train-1", [[3, 3, 2]], lidar=flockstep.LidarConfig(max_range_m=20))
         source = BatchSource(batch)
         for hfov_deg in (270, 90):
             batch.set_lidar(hfov_deg=hfov_deg)

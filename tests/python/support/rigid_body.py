@@ -8,14 +8,14 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from conftest import flat_batch
+from conftest import flat_batch, world_of
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import flockstep
 
 GRAVITY = 9.81  # m/s^2
-OPEN = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-2e4] * 3, "max": [2e4] * 3}})
+OPEN = world_of(room={"min": [-2e4] * 3, "max": [2e4] * 3})
 UP = np.array([0.0, 0.0, 1.0])
 FRAMES = flockstep.DroneModel.names()
 CONTROLS = (  # that `fly` and the flight tasks accept

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import begun
+from conftest import begun, world_of
 from gymnasium import spaces
 from messages import refused
 from test_terms import HALL, Still, still
@@ -16,13 +16,8 @@ from flockstep.testing import check_vector_env
 
 
 def gates_world(name, gates):
-    return flockstep.World.from_dict(
-        {
-            "flockstep_scene": 1,
-            "name": name,
-            "room": {"min": [-40, -40, 0], "max": [40, 40, 40]},
-            "gates": [{**gate, "solid": False} for gate in gates],
-        }
+    return world_of(
+        name=name, room={"min": [-40, -40, 0], "max": [40, 40, 40]}, gates=[{**gate, "solid": False} for gate in gates]
     )
 
 

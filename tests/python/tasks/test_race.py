@@ -3,6 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
+from conftest import placed, world_of
 from messages import refused
 from scipy.spatial.transform import Rotation
 
@@ -10,30 +11,19 @@ import flockstep
 from flockstep.rotations import rotate
 
 TRACKS = ("race/figure-8", "race/split-s", "race/warehouse")
-LANE = flockstep.World.from_dict(
-    {
-        "flockstep_scene": 1,
-        "name": "lane",
-        "room": {"min": [-30, -10, 0], "max": [30, 10, 10]},
-        "gates": [{"center": [x, 0, 5], "solid": False} for x in (0, 4)],
-    }
+LANE = world_of(
+    room={"min": [-30, -10, 0], "max": [30, 10, 10]}, gates=[{"center": [x, 0, 5], "solid": False} for x in (0, 4)]
 )
-LOOP = flockstep.World.from_dict(
-    {
-        "flockstep_scene": 1,
-        "name": "loop",
-        "room": {"min": [-10, -10, 0], "max": [10, 10, 10]},
-        "gates": [  # counter-clockwise
-            {"center": [1.6, 0, 5], "quat_wxyz": [0.5**0.5, 0, 0, 0.5**0.5], "solid": False},
-            {"center": [0, 1.6, 5], "quat_wxyz": [0, 0, 0, 1], "shape": "ring", "solid": False},
-            {"center": [-1.6, 0, 5], "quat_wxyz": [0.5**0.5, 0, 0, -(0.5**0.5)], "solid": False},
-            {"center": [0, -1.6, 5], "solid": False},
-        ],
-    }
+LOOP = world_of(
+    room={"min": [-10, -10, 0], "max": [10, 10, 10]},
+    gates=[  # counter-clockwise
+        {"center": [1.6, 0, 5], "quat_wxyz": [0.5**0.5, 0, 0, 0.5**0.5], "solid": False},
+        {"center": [0, 1.6, 5], "quat_wxyz": [0, 0, 0, 1], "shape": "ring", "solid": False},
+        {"center": [-1.6, 0, 5], "quat_wxyz": [0.5**0.5, 0, 0, -(0.5**0.5)], "solid": False},
+        {"center": [0, -1.6, 5], "solid": False},
+    ],
 )
-OPEN = flockstep.World.from_dict(
-    {"flockstep_scene": 1, "gates": [{"center": [0, 0, 5]}, {"center": [8, 0, 5], "shape": "ring"}]}
-)
+OPEN = world_of(gates=[{"center": [0, 0, 5]}, {"center": [8, 0, 5], "shape": "ring"}])
 STEP_S = 0.02
 ROUNDING = 5e-6  # of float32, for values computed from the same state
 DRIFT = 1e-2  # after a flight of less than a second with commands that differ by rounding
@@ -379,8 +369,7 @@ def test_shipped_tracks(track):
     beyond = ((np.roll(centers, 1, axis=0) - centers) * normals).sum(axis=1)
     is_apart = np.roll(lengths, 1) - np.roll(sizes, 1) / 2 > 3
     assert ((beyond < -1) | is_apart).all()
-    batch = flockstep.Batch([world], len(centers), drone="racer5")
-    batch.set_pose(centers, np.tile([1, 0, 0, 0], (len(centers), 1)))
+    batch = placed([world], centers, np.tile([1, 0, 0, 0], (len(centers), 1)), drone="racer5")
     following = np.roll(centers, -1, axis=0)
     for place in (centers + 0.8 * normals, following - 0.8 * np.roll(normals, -1, axis=0), following):
         assert not batch.move(place).hit.any()
@@ -404,8 +393,7 @@ class TestGenerator:
             assert (np.abs(ways[:, 2]) < 0.401 * np.linalg.norm(ways[:, :2], axis=1)).all()
             beyond = ((np.roll(centers, 1, axis=0) - centers) * normals).sum(axis=1)
             assert beyond.max() < -2
-            batch = flockstep.Batch([world], len(centers), drone="racer5")
-            batch.set_pose(centers, np.tile([1, 0, 0, 0], (len(centers), 1)))
+            batch = placed([world], centers, np.tile([1, 0, 0, 0], (len(centers), 1)), drone="racer5")
             assert not batch.move(np.roll(centers, -1, axis=0)).hit.any()
             assert world.start is not None
             assert world.goal is not None

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import world_of
 from messages import refused
 
 import flockstep
@@ -49,9 +50,7 @@ class TestPlaces:
         np.testing.assert_allclose(np.linalg.norm(goal[:, :2], axis=1), 32 * 1.3 / (2 * np.pi), rtol=1e-5)
 
     def test_a_small_world_is_refused(self):
-        room = flockstep.World.from_dict(
-            {"flockstep_scene": 1, "name": "closet", "room": {"min": [-3, -3, 0], "max": [3, 3, 3]}}
-        )
+        room = world_of(name="closet", room={"min": [-3, -3, 0], "max": [3, 3, 3]})
         with refused(ValueError, "worlds", 'world "closet'):
             make(worlds=room)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import begun, flat_batch
+from conftest import begun, flat_batch, placed, world_of
 from gymnasium import spaces
 from messages import refused
 from rigid_body import CONTROLS
@@ -10,9 +10,7 @@ from rigid_body import CONTROLS
 import flockstep
 from flockstep.rotations import rotate, yaw_of
 
-HALL = flockstep.World.from_dict(
-    {"flockstep_scene": 1, "name": "hall", "room": {"min": [-40, -40, 0], "max": [40, 40, 40]}}
-)
+HALL = world_of(name="hall", room={"min": [-40, -40, 0], "max": [40, 40, 40]})
 NOISE = flockstep.PoseSensorConfig(position_noise_std_m=0.1, orientation_noise_std_deg=10.0)
 
 
@@ -374,16 +372,14 @@ class TestNeighbors:
 
     def test_have_the_velocities_of_rotor_driven_drones(self):
         dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity")
-        batch = flockstep.Batch([HALL], 2, drones_per_env=2, drone="x500", dynamics=dynamics)
-        batch.set_pose([[0, 0, 5], [2, 0, 5]])
+        batch = placed([HALL], [[0, 0, 5], [2, 0, 5]], drones_per_env=2, drone="x500", dynamics=dynamics)
         batch.set_velocity([[1, 0, 0], [0, 3, 0]])
         batch.sense()
         found = batch.terms.neighbors(1)[:, 0]
         np.testing.assert_allclose(found, [[2, 0, 0, -1, 3, 0, 1], [-2, 0, 0, 1, -3, 0, 1]], atol=1e-6)
 
     def test_kinematic_drones_have_none(self):
-        batch = flockstep.Batch([HALL], 2, drones_per_env=2)
-        batch.set_pose([[0, 0, 5], [2, 0, 5]])
+        batch = placed([HALL], [[0, 0, 5], [2, 0, 5]], drones_per_env=2)
         batch.sense()
         assert batch.terms.neighbors(1)[:, 0].tolist() == [[2, 0, 0, 0, 0, 0, 1], [-2, 0, 0, 0, 0, 0, 1]]
 
