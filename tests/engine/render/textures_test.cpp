@@ -102,20 +102,26 @@ TEST(Textures, ABorderShowsTheWrappedTexture) {
 TEST(Textures, EverySimdTargetShowsTheSameBits) {
   const auto world = place();
   std::vector<std::vector<std::uint8_t>> pictures;
-  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-    const OnTarget on(target);
+  on_every_target([&] {
     const auto batch = testing::look(world, camera_of(true), {-4, 0, 1.5F});
     const auto& rgb = batch->camera(0).images().rgb;
     pictures.emplace_back(rgb.begin(), rgb.end());
-    EXPECT_EQ(pictures.back(), pictures.front()) << hwy::TargetName(target);
-  }
+    EXPECT_EQ(pictures.back(), pictures.front());
+  });
 }
 
-TEST(Textures, LevelsAreMeansOfLinearValues) {
+// Transparent texels do not contribute colour to coarser levels. If all texels are transparent, the colour is their plain mean.
+TEST(Textures, LevelsAreMeansOfLinearValuesByAlpha) {
+  constexpr std::array kRepeat{TextureWrap::repeat, TextureWrap::repeat};
+  std::vector<Texture> images{patches(13, 6, 1, 3, kRepeat, true)};
+  for (const std::size_t texel : {0U, 1U, 13U, 14U, 30U}) images[0].rgba[4 * texel + 3] = 0;
   for (const auto& [width, height] : {std::pair(13, 6), std::pair(16, 8), std::pair(12, 10), std::pair(4, 1), std::pair(1, 6)}) {
-    const Texture image = patches(width, height, 1, 3, {TextureWrap::repeat, TextureWrap::repeat});
-    const Textures textures(std::vector<Texture>{image});
-    const auto levels = oracle::mip_levels(image);
+    images.push_back(patches(width, height, 1, 3, kRepeat));
+  }
+  for (const Texture& image : images) {
+    const bool has_alphas = &image == images.data();
+    const Textures textures(std::vector<Texture>{image}, {has_alphas});
+    const auto levels = oracle::mip_levels(image, has_alphas);
     ASSERT_EQ(textures.num_levels, std::vector<std::int32_t>{static_cast<std::int32_t>(levels.size())});
     for (std::size_t level = 0; level < levels.size(); ++level) {
       ASSERT_EQ(textures.width[level], levels[level].width);
@@ -128,6 +134,9 @@ TEST(Textures, LevelsAreMeansOfLinearValues) {
             const int byte = static_cast<int>(texel >> (8 * c) & 0xFF);
             EXPECT_NEAR(byte, oracle::rounded_to_byte(levels[level].at(row, column)[c]), level == 0 ? 0 : 1) << level;
           }
+          if (!has_alphas) continue;
+          const double alpha = levels[level].alpha[static_cast<std::size_t>(row * levels[level].width + column)];
+          EXPECT_NEAR(static_cast<double>(texel >> 24U), alpha, level == 0 ? 0 : 1) << level;
         }
       }
     }

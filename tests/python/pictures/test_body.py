@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import world_of
 
 import flockstep
 from flockstep.pictures.body import Body
@@ -12,9 +13,7 @@ BOX = [[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.1, 0.1)]
 
 def pictured(drone, mesh=None, **how):
     """The picture of a drone from above, and its pixels, without its shadow."""
-    room = flockstep.World.from_dict(
-        {"flockstep_scene": 1, "name": "room", "room": {"min": [-5, -5, -5], "max": [5, 5, 5]}}
-    )
+    room = world_of(name="room", room={"min": [-5, -5, -5], "max": [5, 5, 5]})
     stage, view = Stage(room, 1.0, (320, 240)), (np.array([0.0, 0.0, 2.0]), np.zeros(3))
     canvas = stage.seen_from(*view, [Body(drone, mesh).at(np.zeros(3), np.array([1.0, 0, 0, 0]), **how)])
     return canvas, canvas.depth != stage.seen_from(*view).depth
@@ -79,16 +78,11 @@ def test_without_rotors_a_drone_is_its_hull():
 def test_a_hull_is_closed_and_all_its_faces_are_outside():
     """A line from the middle leaves the default hull where a line from outside enters it."""
     drone = flockstep.DroneModel()
-    shape = flockstep.World.from_dict(
-        {
-            "flockstep_scene": 1,
-            "meshes": [
-                {name: mesh[name].tolist() for name in ("vertices", "triangles")}
-                for mesh in [
-                    Body(flockstep.DroneModel(drone.hull)).at(np.zeros(3), np.array([1.0, 0, 0, 0])).mesh.mesh()
-                ]
-            ],
-        }
+    shape = world_of(
+        meshes=[
+            {name: mesh[name].tolist() for name in ("vertices", "triangles")}
+            for mesh in [Body(flockstep.DroneModel(drone.hull)).at(np.zeros(3), np.array([1.0, 0, 0, 0])).mesh.mesh()]
+        ]
     )
     ways = np.random.default_rng(0).normal(size=(300, 3))
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
