@@ -316,7 +316,7 @@ def ppo_arguments() -> str:
         default = str(argument.replace(annotation=argument.empty)).removeprefix(argument.name).replace("'", '"')
         listed[argument.name] = f"{argument.name}: {argument.annotation}{default.replace('=', ' = ')}"
     listed |= {name: f"{name}: {kind} = {fields[name]['default']}" for name, kind in types.items()}
-    positional = [*inspect.signature(SB3).parameters]
+    positional = [name for name in inspect.signature(SB3).parameters if name in listed]
     names = [*positional, *(name for name in listed if name not in positional)]
     fields = {name: fields[name] for name in names if name in fields}
     lines = [f"        {listed[name]}," for name in names]
