@@ -2,6 +2,36 @@
 // and spheres in any orientation. Shapes out of a sensor's range are culled once per sensor, and every ray is tested against
 // the rest. It has no tree, batches, elements or meshes. Poses, beams and ranges are plain arrays. Included once per SIMD
 // target.
+#ifndef FLOCKSTEP_BENCH_BARE_DIRECT_TYPES
+#define FLOCKSTEP_BENCH_BARE_DIRECT_TYPES
+#include <cstddef>
+
+namespace bench {
+
+enum class Kind { box, cylinder, sphere };  // a room is a box
+
+struct Shape {
+  Kind kind;
+  bool turned;        // set if to_local is not the identity
+  float center[3];    // m
+  float half[3];      // m
+  float bounds[3];    // m, half sizes of the bounding box
+  float to_local[9];  // row-major
+};
+
+struct Sensors {
+  std::size_t count;
+  const float* position;   // (count, 3) m
+  const float* rotation;   // (count, 3, 3) rotation from sensor to world
+  std::size_t beams;       // beams per sensor
+  const float *x, *y, *z;  // (beams,) plus up to 15 for padding, unit vectors in the sensor frame
+  float range;             // m
+  std::size_t stride;      // ranges per sensor, at least beams + 15
+};
+
+}  // namespace bench
+#endif
+
 #if defined(FLOCKSTEP_BENCH_BARE_DIRECT_INL_HPP) == defined(HWY_TARGET_TOGGLE)
 #ifdef FLOCKSTEP_BENCH_BARE_DIRECT_INL_HPP
 #undef FLOCKSTEP_BENCH_BARE_DIRECT_INL_HPP
@@ -15,8 +45,6 @@
 #include <cmath>
 #include <limits>
 #include <vector>
-
-#include "bare_direct.hpp"
 
 HWY_BEFORE_NAMESPACE();
 namespace bench::HWY_NAMESPACE {

@@ -1,6 +1,36 @@
 // A lower bound for flight: the minimal code that solves the same equations. It has gravity, thrust, rotor lag up and down, and
 // body drag. Its commands are rotor speeds. It has no other terms, no controller, no switches, and reports no accelerations and
 // no reach. Included once per SIMD target.
+#ifndef FLOCKSTEP_BENCH_BARE_FLIGHT_TYPES
+#define FLOCKSTEP_BENCH_BARE_FLIGHT_TYPES
+#include <cstddef>
+
+#include "dynamics/flight.hpp"
+
+namespace bench {
+
+// Parameters of a quadrotor in SI units. Frames and signs are as in docs/dynamics.md.
+struct Quadrotor {
+  float mass, inertia[3];
+  float x[4], y[4], yaw[4];  // per rotor: x and y, and the ratio of torque about z to thrust
+  float thrust[3];           // c0, c1, c2
+  float lag_up, lag_down;    // s
+  float linear_drag[3], quadratic_drag[3];
+};
+
+// One run of `ticks` ticks of dt seconds. The setpoints are rotor speeds. `fused` enables fused multiply-add, which the engine
+// leaves out because results would differ between processors.
+struct Flight {
+  float dt;
+  int ticks;
+  bool is_rk4, fused;
+};
+
+void fly_bare(const Quadrotor& quadrotor, const Flight& flight, flockstep::dynamics::Flock& flock);
+
+}  // namespace bench
+#endif
+
 #if defined(FLOCKSTEP_BENCH_BARE_FLIGHT_INL_HPP) == defined(HWY_TARGET_TOGGLE)
 #ifdef FLOCKSTEP_BENCH_BARE_FLIGHT_INL_HPP
 #undef FLOCKSTEP_BENCH_BARE_FLIGHT_INL_HPP
@@ -12,8 +42,6 @@
 
 #include <cmath>
 #include <cstddef>
-
-#include "bare_flight.hpp"
 
 HWY_BEFORE_NAMESPACE();
 namespace bench::HWY_NAMESPACE {

@@ -48,6 +48,23 @@ inline double median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
+// Returns the variant with the least median time, from `first` to before `end`.
+inline std::size_t fastest(const Times& times, std::size_t first, std::size_t end) {
+  std::size_t best = first;
+  for (std::size_t v = first; v < end; ++v) {
+    if (median(times[v]) < median(times[best])) best = v;
+  }
+  return best;
+}
+
+// Prints the rate of each variant, for a person who watches. count: items of a run.
+inline void print_rates(const std::string& name, const std::vector<Variant>& variants, const Times& times, double count,
+                        const char* unit) {
+  for (std::size_t v = 0; v < variants.size(); ++v) {
+    std::fprintf(stderr, "  %-34s %-28s %12.1f %s\n", name.c_str(), variants[v].label.c_str(), count / median(times[v]), unit);
+  }
+}
+
 // Returns the median of a / b over the rounds.
 inline double median_ratio(const std::vector<double>& a, const std::vector<double>& b) {
   std::vector<double> ratios;

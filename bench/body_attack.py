@@ -78,40 +78,28 @@ class Attack:
         if not self.chance(wildness):
             return good
         value = np.array(good)
-        match self.random.integers(0, 14):
-            case 0:
-                value = value.astype(np.float64)
-                for _ in range(int(self.random.integers(1, 4))):
-                    if value.size:
-                        value.flat[self.random.integers(0, value.size)] = self.number()
-                return value
-            case 1:
-                return np.full(shape, self.number())
-            case 2:
-                return np.atleast_1d(value)[..., :-1]
-            case 3:
-                return np.zeros(tuple(int(n) for n in self.random.integers(0, 6, self.random.integers(0, 5))))
-            case 4:
-                return value[None] if self.chance(0.5) else value.ravel()
-            case 5:
-                return value.astype(self.random.choice(["?", "i1", "u8", "f2", "f8", "c8", "O", "U8", "M8[s]"]))
-            case 6:
-                return np.asfortranarray(value)
-            case 7:
-                return np.repeat(np.atleast_1d(value), 2, axis=-1)[..., ::2]  # not contiguous
-            case 8:
-                return value.tolist()
-            case 9:
-                return None
-            case 10:
-                return self.random.choice([0, 1, 10**9, -1]).item()
-            case 11:
-                return [[1, 2], [3]]
-            case 12:
-                return "bodies"
-            case _:
-                value.flags.writeable = False
-                return value
+        kinds = ["?", "i1", "u8", "f2", "f8", "c8", "O", "U8", "M8[s]"]
+        spoiled: list[Callable[[], Any]] = [
+            lambda: self.scattered(value.astype(np.float64)),
+            lambda: np.full(shape, self.number()),
+            lambda: np.atleast_1d(value)[..., :-1],
+            lambda: np.zeros(tuple(int(n) for n in self.random.integers(0, 6, self.random.integers(0, 5)))),
+            lambda: value[None] if self.chance(0.5) else value.ravel(),
+            lambda: value.astype(self.random.choice(kinds)),
+            lambda: np.asfortranarray(value),
+            lambda: np.repeat(np.atleast_1d(value), 2, axis=-1)[..., ::2],  # not contiguous
+            lambda: value.tolist(),
+            lambda: self.random.choice(np.array([None, 0, 1, 10**9, -1, "bodies"], object)),
+            lambda: [[1, 2], [3]],
+            lambda: np.frombuffer(value.tobytes(), value.dtype).reshape(value.shape),  # not writeable
+        ]
+        return spoiled[self.random.integers(0, len(spoiled))]()
+
+    def scattered(self, value: Any) -> Any:
+        """Replace some numbers of an array."""
+        for _ in range(int(self.random.integers(1, 4)) if value.size else 0):
+            value.flat[self.random.integers(0, value.size)] = self.number()
+        return value
 
     def mask(self, *, of_bodies: bool) -> Any:
         envs, slots = self.batch.bodies.active.shape
@@ -217,19 +205,22 @@ class Attack:
 
     # -- Calls
 
+    def rows(self, *shape: int, **chances: float) -> dict[str, Any]:
+        """Return some of these arguments of a call, with values for each env or body that may be invalid."""
+        make: dict[str, Callable[[], Any]] = {
+            "position": lambda: self.places(*shape),
+            "quat_wxyz": lambda: self.rotations(*shape),
+            "velocity": lambda: self.vectors(*shape, scale=float(self.random.choice([1, 50, 3000, 1e9]))),
+            "angular_velocity": lambda: self.vectors(*shape, scale=10),
+        }
+        goods = {name: make[name]() for name, chance in chances.items() if self.chance(chance)}
+        return {name: self.wild(good.shape, good) for name, good in goods.items()}
+
     def spawn(self) -> None:
         envs, _ = self.batch.bodies.active.shape
-        rows: dict[str, Any] = {}
-        if self.chance(0.6):
-            rows["position"] = self.wild((envs, 3), self.places(envs))
+        rows = self.rows(envs, position=0.6, quat_wxyz=0.4, velocity=0.4, angular_velocity=0.4)
         if self.chance(0.3):
             rows["position"] = self.batch.position.reshape(envs, -1, 3)[:, 0]  # on top of a drone
-        if self.chance(0.4):
-            rows["quat_wxyz"] = self.wild((envs, 4), self.rotations(envs))
-        if self.chance(0.4):
-            rows["velocity"] = self.wild((envs, 3), self.vectors(envs, scale=self.speed()))
-        if self.chance(0.3):
-            rows["angular_velocity"] = self.wild((envs, 3), self.vectors(envs, scale=10))
         rows["mask"] = self.mask(of_bodies=False)
         active = self.batch.bodies.active.copy()
         slots = self.batch.bodies.spawn(self.any_body(), **rows)
@@ -240,33 +231,19 @@ class Attack:
             active[env, slots[env]] = True
         assert (self.batch.bodies.active == active).all()
 
-    def speed(self) -> float:
-        return float(self.random.choice([1, 50, 3000, 1e9]))
-
     def remove(self) -> None:
-        self.concern_selected("remove", self.mask(of_bodies=True))
+        self.concern_selected("remove")
 
     def set_pose(self) -> None:
-        shape = self.batch.bodies.active.shape
-        rows: dict[str, Any] = {}
-        if self.chance(0.8):
-            rows["position"] = self.wild((*shape, 3), self.places(*shape))
-        if self.chance(0.5):
-            rows["quat_wxyz"] = self.wild((*shape, 4), self.rotations(*shape))
-        self.concern_selected("set_pose", self.mask(of_bodies=True), **rows)
+        self.concern_selected("set_pose", position=0.8, quat_wxyz=0.5)
 
     def set_velocity(self) -> None:
-        shape = self.batch.bodies.active.shape
-        rows: dict[str, Any] = {}
-        if self.chance(0.8):
-            rows["velocity"] = self.wild((*shape, 3), self.vectors(*shape, scale=self.speed()))
-        if self.chance(0.5):
-            rows["angular_velocity"] = self.wild((*shape, 3), self.vectors(*shape, scale=10))
-        self.concern_selected("set_velocity", self.mask(of_bodies=True), **rows)
+        self.concern_selected("set_velocity", velocity=0.8, angular_velocity=0.5)
 
-    def concern_selected(self, call: str, mask: Any, **rows: Any) -> None:
+    def concern_selected(self, call: str, **chances: float) -> None:
         """Make a call, and check that it has changed only active bodies that it selects."""
-        bodies = self.batch.bodies
+        bodies, mask = self.batch.bodies, self.mask(of_bodies=True)
+        rows = self.rows(*bodies.active.shape, **chances)
         before = {name: getattr(bodies, name).copy() for name in BODY_ARRAYS}
         getattr(bodies, call)(**rows, mask=mask)
         selected = np.ones(before["active"].shape, bool)

@@ -9,6 +9,8 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
+#include <functional>
+#include <initializer_list>
 #include <limits>
 #include <memory>
 #include <numbers>
@@ -38,7 +40,6 @@ constexpr int kRuns = 7;
 constexpr std::size_t kOrigins = 64;
 constexpr float kRange = 5.0F;    // m
 constexpr float kExtent = 60.0F;  // m, side of the cube
-constexpr std::array<int, 15> kCounts{2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384};
 
 // Makes a cloud: boxes, cylinders and spheres in equal parts, scattered over a cube.
 std::shared_ptr<const World> cloud(int count, float side, std::mt19937& random) {
@@ -149,49 +150,60 @@ double block_advantage(int count) {
   return bench::median_ratio(times[1], times[0]);
 }
 
-// Returns the largest count up to which direct tracing is as fast as Embree, within a 5 % measurement tolerance.
-int crossover(const char* name, double (*advantage)(int)) {
-  int best = 0;
-  bool faster = true;
-  for (const int count : kCounts) {
-    const double gain = advantage(count);
-    std::fprintf(stderr, "  %-10s %4d shapes: Embree takes %6.2f times as long\n", name, count, gain);
-    faster = faster && gain >= 0.95;
-    if (faster) best = count;
+// Returns the last of some values before the first that is not good, or `otherwise` if the first one is not.
+template <class T>
+T last_good(std::initializer_list<T> values, T otherwise, const std::function<bool(T)>& is_good) {
+  for (const T value : values) {
+    if (!is_good(value)) break;
+    otherwise = value;
   }
-  return best;
+  return otherwise;
 }
 
-// Returns Embree's time over that of tiles, for cameras of side x side pixels over hills with about `triangles` triangles.
+// Returns the largest count up to which direct tracing is as fast as Embree, within a 5 % measurement tolerance.
+int crossover(const char* name, double (*advantage)(int)) {
+  return last_good<int>({2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384}, 0, [&](int count) {
+    const double gain = advantage(count);
+    std::fprintf(stderr, "  %-10s %4d shapes: Embree takes %6.2f times as long\n", name, count, gain);
+    return gain >= 0.95;
+  });
+}
+
+// Returns Embree's time over that of a tracer, for batches that differ in nothing else. They are at places in free space, with
+// rotations (num_envs, 4). embree: the tracer that sends these rays through Embree.
+double advantage_over_embree(TracerKind tracer, TracerKind embree, BatchConfig config, const std::shared_ptr<const World>& world,
+                             const std::vector<float>& rotation) {
+  std::vector<float> position;
+  for (const Vec3& place : bench::free_positions(*world, config.num_envs, 1)) {
+    position.insert(position.end(), place.begin(), place.end());
+  }
+  config.num_threads = 1;
+  const auto sensing = [&](TracerKind by) {
+    config.tracer = by;
+    const auto batch = std::make_shared<Batch>(config, Batch::Worlds{world});
+    batch->set_pose(position, rotation);
+    return bench::Variant{"", [batch] { batch->sense(); }};
+  };
+  const bench::Times times = bench::interleave({sensing(tracer), sensing(embree)}, kRuns, 0.01);
+  return bench::median_ratio(times[1], times[0]);
+}
+
+// Returns that of tiles, for cameras of side x side pixels over hills with about `triangles` triangles.
 double tiles_advantage(int side, int triangles) {
-  constexpr int kCameras = 64;
   const int cells = static_cast<int>(std::sqrt(triangles / 2.48));  // hill and tree triangles
-  const auto world = bench::mesh_world(cells, 0.3F * static_cast<float>(cells));
-  const auto places = bench::free_positions(*world, kCameras, 1);
-  std::vector<float> position, rotation;
-  for (int i = 0; i < kCameras; ++i) {
-    const Vec3& place = places[static_cast<std::size_t>(i)];
-    position.insert(position.end(), {place.x(), place.y(), place.z()});
+  BatchConfig config;
+  config.num_envs = 64;
+  config.cameras.emplace_back();
+  config.cameras[0].width_px = config.cameras[0].height_px = side;
+  config.cameras[0].far_m = 100.0F;
+  config.cameras[0].outputs = {.rgb = false, .depth = true};
+  std::vector<float> rotation;
+  for (int i = 0; i < config.num_envs; ++i) {
     const float half_yaw = 0.3F * static_cast<float>(i);
     rotation.insert(rotation.end(), {std::cos(half_yaw), 0.0F, 0.0F, std::sin(half_yaw)});
   }
-  const auto make_batch = [&](TracerKind tracer) {
-    BatchConfig config;
-    config.num_envs = kCameras;
-    config.num_threads = 1;
-    config.tracer = tracer;
-    config.cameras.emplace_back();
-    config.cameras[0].width_px = config.cameras[0].height_px = side;
-    config.cameras[0].far_m = 100.0F;
-    config.cameras[0].outputs = {.rgb = false, .depth = true};
-    auto batch = std::make_unique<Batch>(config, Batch::Worlds{world});
-    batch->set_pose(position, rotation);
-    return batch;
-  };
-  const auto tiles = make_batch(TracerKind::tiles), embree = make_batch(TracerKind::embree);
-  const bench::Times times = bench::interleave(
-      {{"tiles", [&] { tiles->camera(0).capture(); }}, {"embree", [&] { embree->camera(0).capture(); }}}, kRuns, 0.01);
-  return bench::median_ratio(times[1], times[0]);
+  const auto world = bench::mesh_world(cells, 0.3F * static_cast<float>(cells));
+  return advantage_over_embree(TracerKind::tiles, TracerKind::embree, config, world, rotation);
 }
 
 // Returns the smallest ray count that is faster in tiles at 1000 triangles. Only counts that fill whole tiles are tried.
@@ -207,47 +219,32 @@ int min_rays_in_tiles() {
 // Returns the most triangles per ray up to which tiles are faster by a factor of 1.3, which justifies their memory. The result
 // is a power of two.
 int triangles_per_ray(int rays) {
-  int best = 1;
-  for (int each = 16; each <= 8192; each *= 2) {
+  return last_good<int>({16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192}, 1, [&](int each) {
     const double gain = tiles_advantage(static_cast<int>(std::sqrt(rays)), each * rays);
     std::fprintf(stderr, "  tiles      %4d triangles for each of %d rays: Embree takes %6.2f times as long\n", each, rays, gain);
-    if (gain < 1.3) return best;
-    best = each;
-  }
-  return best;
+    return gain >= 1.3;
+  });
 }
 
 constexpr float kFov = 1.5F * std::numbers::pi_v<float>;  // rad, of fans
 
-// Returns Embree's time over that of slices, for fans of 270 degrees with the given length between beams at their range.
+// Returns the advantage of slices, for fans of 270 degrees with the given length between beams at their range.
 double slices_advantage(const std::shared_ptr<const World>& world, int beams, float between_m) {
-  constexpr int kDrones = 1024;
+  BatchConfig config;
+  config.num_envs = 1024;
+  config.lidars.emplace_back();
+  config.lidars[0].beams = beams;
+  config.lidars[0].hfov_deg = 270.0F;
+  config.lidars[0].max_range_m = between_m * static_cast<float>(beams - 1) / kFov;
   std::mt19937 random(1);
   std::uniform_real_distribution<float> tilt(-0.2F, 0.2F), turn(-3.14F, 3.14F);
-  std::vector<float> position, rotation;
-  for (const Vec3& place : bench::free_positions(*world, kDrones, 1)) {
-    position.insert(position.end(), {place.x(), place.y(), place.z()});
+  std::vector<float> rotation;
+  for (int i = 0; i < config.num_envs; ++i) {
     const Quat q(Eigen::AngleAxisf(turn(random), Vec3::UnitZ()) * Eigen::AngleAxisf(tilt(random), Vec3::UnitY()) *
                  Eigen::AngleAxisf(tilt(random), Vec3::UnitX()));
     rotation.insert(rotation.end(), {q.w(), q.x(), q.y(), q.z()});
   }
-  const auto make_batch = [&](TracerKind tracer) {
-    BatchConfig config;
-    config.num_envs = kDrones;
-    config.num_threads = 1;
-    config.tracer = tracer;
-    config.lidars.emplace_back();
-    config.lidars[0].beams = beams;
-    config.lidars[0].hfov_deg = 270.0F;
-    config.lidars[0].max_range_m = between_m * static_cast<float>(beams - 1) / kFov;
-    auto batch = std::make_unique<Batch>(config, Batch::Worlds{world});
-    batch->set_pose(position, rotation);
-    return batch;
-  };
-  const auto slices = make_batch(TracerKind::slices), embree = make_batch(TracerKind::tiles);  // a fan forms no tile
-  const bench::Times times =
-      bench::interleave({{"slices", [&] { slices->sense(); }}, {"embree", [&] { embree->sense(); }}}, kRuns, 0.01);
-  return bench::median_ratio(times[1], times[0]);
+  return advantage_over_embree(TracerKind::slices, TracerKind::tiles, config, world, rotation);  // a fan forms no tile
 }
 
 std::shared_ptr<const World> office_of_triangles() {
@@ -283,22 +280,15 @@ constexpr double kAsFast = 0.95;
 
 // Returns the number of beams, half a metre apart, from which slices are as fast in every mesh.
 int min_rays_in_slice() {
-  int fewest = 64;
-  for (const int beams : {48, 32, 24, 20, 18, 16, 14, 12, 10, 8, 6, 4}) {
-    if (least_slices_advantage(beams, 0.5F) < kAsFast) break;
-    fewest = beams;
-  }
-  return fewest;
+  return last_good<int>({48, 32, 24, 20, 18, 16, 14, 12, 10, 8, 6, 4}, 64,
+                        [](int beams) { return least_slices_advantage(beams, 0.5F) >= kAsFast; });
 }
 
 // Returns the length between beams up to which slices are as fast in every mesh, for 12 beams and for 35.
 float widest_in_slice() {
-  float widest = 0.0F;
-  for (const float between_m : {0.4F, 0.6F, 0.8F, 1.0F, 1.2F, 1.5F, 2.0F, 3.0F}) {
-    if (std::min(least_slices_advantage(12, between_m), least_slices_advantage(35, between_m)) < kAsFast) break;
-    widest = between_m;
-  }
-  return widest;
+  return last_good<float>({0.4F, 0.6F, 0.8F, 1.0F, 1.2F, 1.5F, 2.0F, 3.0F}, 0.0F, [](float between_m) {
+    return std::min(least_slices_advantage(12, between_m), least_slices_advantage(35, between_m)) >= kAsFast;
+  });
 }
 
 }  // namespace

@@ -87,6 +87,7 @@ HWY_AFTER_NAMESPACE();
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <functional>
 #include <memory>
@@ -113,7 +114,7 @@ using flockstep::Mat3;
 using flockstep::Quat;
 using flockstep::Vec3;
 
-constexpr int kRuns = 7;
+constexpr int kRuns = 5;
 
 // A world's triangles with one colour each, including its markers, for the bare loop.
 struct BareWorld {
@@ -146,12 +147,29 @@ struct BareWorld {
   }
 };
 
-// Camera poses and the images of all cameras.
+// Random drone poses in free space, with any yaw and a pitch of at most 0.2 rad.
+struct Poses {
+  std::vector<Vec3> points;
+  std::vector<Mat3> rotations;
+  std::vector<float> position, quat_wxyz;  // same poses as plain arrays
+
+  Poses(const flockstep::World& world, int count) : points(bench::free_positions(world, count, 1)) {
+    std::mt19937 random(2);
+    for (const Vec3& p : points) {
+      const float yaw = std::uniform_real_distribution<float>(0.0F, 2.0F * std::numbers::pi_v<float>)(random);
+      const float pitch = std::uniform_real_distribution<float>(-0.2F, 0.2F)(random);
+      const Quat q(Eigen::AngleAxisf(yaw, Vec3::UnitZ()) * Eigen::AngleAxisf(pitch, Vec3::UnitY()));
+      rotations.push_back(q.toRotationMatrix());
+      position.insert(position.end(), {p.x(), p.y(), p.z()});
+      quat_wxyz.insert(quat_wxyz.end(), {q.w(), q.x(), q.y(), q.z()});
+    }
+  }
+};
+
+// The images of all cameras.
 struct BareCameras {
-  int width, height;
-  float fx, fy;
-  std::vector<Vec3> position;
-  std::vector<Mat3> rotation;
+  flockstep::CameraConfig config;
+  const Poses& poses;
   std::vector<std::uint8_t> rgb;
   std::vector<float> depth;
 };
@@ -165,21 +183,22 @@ void render_bare(const BareWorld& world, BareCameras& cameras, bool coherent) {
   bench::Query query = bench::make_query(coherent);
   std::fill_n(packet.ray.mask, kLanes, 0xFFFFFFFFU);
   std::fill_n(packet.ray.tnear, kLanes, 0.05F);
-  const auto width = static_cast<std::size_t>(cameras.width);
-  const auto height = static_cast<std::size_t>(cameras.height);
+  const auto width = static_cast<std::size_t>(cameras.config.width_px);
+  const auto height = static_cast<std::size_t>(cameras.config.height_px);
+  const float fx = cameras.config.fx(), fy = cameras.config.fy();
   alignas(64) std::uint8_t rgb[3 * kLanes];
   alignas(64) float depth[kLanes];
-  for (std::size_t camera = 0; camera < cameras.position.size(); ++camera) {
-    const Vec3& origin = cameras.position[camera];
-    const Mat3& rotation = cameras.rotation[camera];
+  for (std::size_t camera = 0; camera < cameras.poses.points.size(); ++camera) {
+    const Vec3& origin = cameras.poses.points[camera];
+    const Mat3& rotation = cameras.poses.rotations[camera];
     std::fill_n(packet.ray.org_x, kLanes, origin.x());
     std::fill_n(packet.ray.org_y, kLanes, origin.y());
     std::fill_n(packet.ray.org_z, kLanes, origin.z());
     for (std::size_t row = 0; row < height; row += kRows) {
       for (std::size_t column = 0; column < width; column += 4) {
         for (std::size_t i = 0; i < kLanes; ++i) {
-          const float left = (0.5F * static_cast<float>(width) - static_cast<float>(column + i % 4) - 0.5F) / cameras.fx;
-          const float up = (0.5F * static_cast<float>(height) - static_cast<float>(row + i / 4) - 0.5F) / cameras.fy;
+          const float left = (0.5F * static_cast<float>(width) - static_cast<float>(column + i % 4) - 0.5F) / fx;
+          const float up = (0.5F * static_cast<float>(height) - static_cast<float>(row + i / 4) - 0.5F) / fy;
           packet.ray.dir_x[i] = rotation(0, 0) + left * rotation(0, 1) + up * rotation(0, 2);
           packet.ray.dir_y[i] = rotation(1, 0) + left * rotation(1, 1) + up * rotation(1, 2);
           packet.ray.dir_z[i] = rotation(2, 0) + left * rotation(2, 1) + up * rotation(2, 2);
@@ -213,25 +232,6 @@ flockstep::CameraConfig rgb_and_depth(int width, int height) {
   return camera;
 }
 
-// Random drone poses in free space, with any yaw and a pitch of at most 0.2 rad.
-struct Poses {
-  std::vector<Vec3> points;
-  std::vector<Quat> rotations;
-  std::vector<float> position, quat_wxyz;  // same poses as plain arrays
-
-  Poses(const flockstep::World& world, int count) : points(bench::free_positions(world, count, 1)) {
-    std::mt19937 random(2);
-    for (const Vec3& p : points) {
-      const float yaw = std::uniform_real_distribution<float>(0.0F, 2.0F * std::numbers::pi_v<float>)(random);
-      const float pitch = std::uniform_real_distribution<float>(-0.2F, 0.2F)(random);
-      const Quat q(Eigen::AngleAxisf(yaw, Vec3::UnitZ()) * Eigen::AngleAxisf(pitch, Vec3::UnitY()));
-      rotations.push_back(q);
-      position.insert(position.end(), {p.x(), p.y(), p.z()});
-      quat_wxyz.insert(quat_wxyz.end(), {q.w(), q.x(), q.y(), q.z()});
-    }
-  }
-};
-
 std::unique_ptr<flockstep::Batch> make_batch(const std::shared_ptr<const flockstep::World>& world, const Poses& poses,
                                              const flockstep::CameraConfig& camera, flockstep::CameraBackend backend,
                                              flockstep::TracerKind tracer = flockstep::TracerKind::automatic) {
@@ -250,10 +250,6 @@ std::unique_ptr<flockstep::Batch> make_batch(const std::shared_ptr<const flockst
   return batch;
 }
 
-std::string size_of(int width, int height, int num_drones) {
-  return std::to_string(width) + 'x' + std::to_string(height) + 'x' + std::to_string(num_drones);
-}
-
 // Returns the share of pixels whose depth differs from another renderer's. A comparison is only valid if both render the same
 // scene.
 double share_that_differs(const std::vector<float>& ours, const std::vector<float>& theirs) {
@@ -264,112 +260,96 @@ double share_that_differs(const std::vector<float>& ours, const std::vector<floa
   return static_cast<double>(differ) / static_cast<double>(ours.size());
 }
 
-void bench_case(const std::string& name, const std::shared_ptr<const flockstep::World>& world, const BareWorld& bare, int width,
-                int height, int num_drones, bench::Figures& figures) {
-  const flockstep::CameraConfig camera = rgb_and_depth(width, height);
-  const Poses poses(*world, num_drones);
-  const auto batch = make_batch(world, poses, camera, flockstep::CameraBackend::raycast);
-  const auto embree = make_batch(world, poses, camera, flockstep::CameraBackend::raycast, flockstep::TracerKind::embree);
-  const auto n = static_cast<std::size_t>(num_drones);
-  const std::size_t pixels = n * static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-  BareCameras cameras{width, height, camera.fx(), camera.fy(), poses.points, {}, {}, {}};
-  for (const Quat& q : poses.rotations) cameras.rotation.push_back(q.toRotationMatrix());
-  cameras.rgb.resize(3 * pixels);
-  cameras.depth.resize(pixels);
+struct Size {
+  int width, height, num_drones;
+  long long pixels() const { return static_cast<long long>(width) * height * num_drones; }
+  std::string text() const { return std::to_string(width) + 'x' + std::to_string(height) + 'x' + std::to_string(num_drones); }
+};
 
-  const auto gl = make_batch(world, poses, camera, flockstep::CameraBackend::gl);
-  const std::vector<bench::Variant> variants{
-      {"raycast", [&] { batch->camera(0).capture(); }},
-      {"gl", [&] { gl->camera(0).capture(); }},
-      {"bare Embree 4x2 coherent", [&] { render_bare<RTCRayHit8, 2>(bare, cameras, true); }},
-      {"bare Embree 4x2 incoherent", [&] { render_bare<RTCRayHit8, 2>(bare, cameras, false); }},
-      {"bare Embree 4x4 coherent", [&] { render_bare<RTCRayHit16, 4>(bare, cameras, true); }},
-      {"bare Embree 4x4 incoherent", [&] { render_bare<RTCRayHit16, 4>(bare, cameras, false); }},
-      {"through Embree", [&] { embree->camera(0).capture(); }}};
-  const flockstep::FlushDenormals flush;
-  const bench::Times times = bench::interleave(variants, kRuns);
-  constexpr std::size_t kFirstBare = 2, kThroughEmbree = 6;
-  std::size_t best = kFirstBare;
-  for (std::size_t v = kFirstBare; v < kThroughEmbree; ++v) {
-    if (bench::median(times[v]) < bench::median(times[best])) best = v;
-  }
-  for (std::size_t v = 0; v < variants.size(); ++v) {
-    std::fprintf(stderr, "  %-12s %-28s %10.1f frames/s\n", name.c_str(), variants[v].label.c_str(),
-                 static_cast<double>(n) / bench::median(times[v]));
-  }
-  const std::vector<float>& ours = batch->camera(0).images().depth;
-  using Seen = std::pair<const char*, const std::vector<float>*>;
-  for (const auto& [text, depth] : {Seen{"bare Embree", &cameras.depth}, Seen{"gl", &gl->camera(0).images().depth},
-                                    Seen{"Embree", &embree->camera(0).images().depth}}) {
-    const double share = share_that_differs(ours, *depth);
-    if (share < 0.04) continue;
-    std::fprintf(stderr, "%s: %s differs in depth from raycast in %.1f %% of the pixels\n", name.c_str(), text, 100.0 * share);
-    std::exit(1);
-  }
-  const std::string size = name + '/' + size_of(width, height, num_drones) + '/';
-  const auto rate = [&](std::size_t v) { return static_cast<double>(n) / bench::median(times[v]); };
-  const auto add = [&](const std::string& backend, std::size_t variant, const std::string& ratio) {
-    const std::string figure = "camera/" + backend + '/' + size;
-    figures.add(figure + ratio, bench::median_ratio(times[best], times[variant]), "1", kRuns);
-    figures.add(figure + "frames_per_second", rate(variant), "1/s", kRuns);
-    figures.add("camera_table/" + size + backend + "_frames_per_second", rate(variant), "1/s", kRuns);
+// Measures frames per second. bare: the world for the bare loop, beside which raycast stands with its own tiles and through
+// Embree; on triangles that loop does the same work, on primitives it serves as a reference.
+void bench_case(const std::string& name, const std::shared_ptr<const flockstep::World>& world, const BareWorld* bare,
+                bool with_gl, const Size& size, bench::Figures& figures) {
+  using flockstep::CameraBackend, flockstep::TracerKind;
+  const flockstep::CameraConfig camera = rgb_and_depth(size.width, size.height);
+  const Poses poses(*world, size.num_drones);
+  struct Engine {
+    std::string name;
+    std::unique_ptr<flockstep::Batch> batch;
+    const std::vector<float>& depth() const { return batch->camera(0).images().depth; }
   };
-  // On triangles Embree's loop does the same work. On primitives it serves only as a reference.
-  const bool meshes = !world->triangles().triangles.empty();
-  const std::string ratio = meshes ? "ratio_to_bare" : "ratio_to_bare_embree";
-  add("raycast", 0, ratio);
-  figures.add("camera/raycast/" + size + "bare_embree_frames_per_second", rate(best), "1/s", kRuns);
-  if (meshes) add("embree", kThroughEmbree, ratio);
-  add("gl", 1, "ratio_to_bare_embree");
-}
-
-// Image sizes and batch sizes for the comparison with the bare loops.
-constexpr std::array<std::array<int, 3>, 2> kCases{{{64, 64, 256}, {640, 480, 16}}};
-
-// Measures frames per second by resolution, number of drones, world and backend. Skips the cases that bench_case covers.
-void bench_table(const std::string& name, const std::shared_ptr<const flockstep::World>& world, bench::Figures& figures) {
-  constexpr int kTableRuns = 5;
-  constexpr long long kMaxPixels = 5'000'000;
-  for (const auto& [width, height] : {std::pair{64, 64}, {128, 128}, {320, 240}, {640, 480}}) {
-    for (const int num_drones : {1, 16, 256}) {
-      if (static_cast<long long>(width) * height * num_drones > kMaxPixels) continue;
-      if (std::find(kCases.begin(), kCases.end(), std::array{width, height, num_drones}) != kCases.end()) continue;
-      const Poses poses(*world, num_drones);
-      const flockstep::CameraConfig camera = rgb_and_depth(width, height);
-      const auto raycast = make_batch(world, poses, camera, flockstep::CameraBackend::raycast);
-      const auto gl = make_batch(world, poses, camera, flockstep::CameraBackend::gl);
-      const bench::Times times = bench::interleave(
-          {{"raycast", [&] { raycast->camera(0).capture(); }}, {"gl", [&] { gl->camera(0).capture(); }}}, kTableRuns);
-      const std::string size = size_of(width, height, num_drones);
-      for (std::size_t v = 0; v < 2; ++v) {
-        const char* const backend = v == 0 ? "raycast" : "gl";
-        const double rate = num_drones / bench::median(times[v]);
-        std::fprintf(stderr, "  %-12s %-12s %-8s %10.1f frames/s\n", name.c_str(), size.c_str(), backend, rate);
-        figures.add("camera_table/" + name + '/' + size + '/' + backend + "_frames_per_second", rate, "1/s", kTableRuns);
-      }
+  std::vector<Engine> engines;
+  engines.push_back({"raycast", make_batch(world, poses, camera, CameraBackend::raycast)});
+  if (bare != nullptr)
+    engines.push_back({"embree", make_batch(world, poses, camera, CameraBackend::raycast, TracerKind::embree)});
+  if (with_gl) engines.push_back({"gl", make_batch(world, poses, camera, CameraBackend::gl)});
+  std::vector<bench::Variant> variants;
+  for (const Engine& engine : engines) variants.push_back({engine.name, [&engine] { engine.batch->camera(0).capture(); }});
+  BareCameras cameras{camera, poses, {}, {}};
+  if (bare != nullptr) {
+    cameras.rgb.resize(static_cast<std::size_t>(3 * size.pixels()));
+    cameras.depth.resize(static_cast<std::size_t>(size.pixels()));
+    for (const bool coherent : {true, false}) {
+      const std::string flag = coherent ? " coherent" : " incoherent";
+      variants.push_back({"bare Embree 4x2" + flag, [&, coherent] { render_bare<RTCRayHit8, 2>(*bare, cameras, coherent); }});
+      variants.push_back({"bare Embree 4x4" + flag, [&, coherent] { render_bare<RTCRayHit16, 4>(*bare, cameras, coherent); }});
     }
   }
+  const flockstep::FlushDenormals flush;
+  const bench::Times times = bench::interleave(variants, kRuns);
+  const std::string at = '/' + name + '/' + size.text() + '/';
+  bench::print_rates(at, variants, times, size.num_drones, "frames/s");
+  const auto require_alike = [&](const std::string& other, const std::vector<float>& depth) {
+    const double share = share_that_differs(engines[0].depth(), depth);
+    if (share < 0.04) return;
+    std::fprintf(stderr, "%s%s differs in depth from raycast in %.1f %% of the pixels\n", at.c_str(), other.c_str(),
+                 100.0 * share);
+    std::exit(1);
+  };
+  const auto rate = [&](std::size_t v) { return size.num_drones / bench::median(times[v]); };
+  const std::size_t best = bench::fastest(times, engines.size(), variants.size());
+  for (std::size_t v = 0; v < engines.size(); ++v) {
+    const std::string figure = "camera/" + engines[v].name + at;
+    figures.add(figure + "frames_per_second", rate(v), "1/s", kRuns);
+    if (bare == nullptr) continue;
+    require_alike(engines[v].name, engines[v].depth());
+    figures.add(figure + "ratio_to_bare_embree", bench::median_ratio(times[best], times[v]), "1", kRuns);
+  }
+  if (bare == nullptr) return;
+  require_alike("bare Embree", cameras.depth);
+  figures.add("camera/raycast" + at + "bare_embree_frames_per_second", rate(best), "1/s", kRuns);
 }
 
 }  // namespace
 
-// The argument selects the part to run: "bare" or "table". Without it both run.
+// Without arguments all sizes in all worlds, the usual ones also beside the bare loop. With "table" none of them is. With "sweep"
+// and numbers of drones, only 64 x 64 pixels in a playground, beside the bare loop.
 int main(int argc, char** argv) {
   const std::string part = argc > 1 ? argv[1] : "";
-  const auto asked = [&](const char* name) { return part.empty() || part == name; };
   bench::Figures figures;
+  const auto playground = flockstep::World::load(FLOCKSTEP_SCENES "/playground/camera-train-1.json");
+  if (part == "sweep") {
+    const BareWorld bare(*playground);
+    for (int i = 2; i < argc; ++i) bench_case("playground", playground, &bare, false, {64, 64, std::atoi(argv[i])}, figures);
+    figures.print();
+    return 0;
+  }
   const std::vector<std::pair<std::string, std::shared_ptr<const flockstep::World>>> worlds{
-      {"playground", flockstep::World::load(FLOCKSTEP_SCENES "/playground/camera-train-1.json")},
+      {"playground", playground},
       {"mesh1k", bench::mesh_world(20, 20.0F)},
       {"mesh100k", bench::mesh_world(200, 60.0F)},
       {"mesh1M", bench::mesh_world(640, 180.0F)}};
+  constexpr long long kMaxPixels = 5'000'000;
   for (const auto& [name, world] : worlds) {
-    if (!asked("bare")) break;
     const BareWorld bare(*world);
-    for (const auto& [width, height, num_drones] : kCases) bench_case(name, world, bare, width, height, num_drones, figures);
-  }
-  for (const auto& [name, world] : worlds) {
-    if (asked("table")) bench_table(name, world, figures);
+    for (const auto& [width, height] : {std::pair{64, 64}, {128, 128}, {320, 240}, {640, 480}}) {
+      for (const int num_drones : {1, 16, 256}) {
+        const Size size{width, height, num_drones};
+        const bool is_usual = (width == 64 && num_drones == 256) || (width == 640 && num_drones == 16);
+        if (size.pixels() > kMaxPixels) continue;
+        bench_case(name, world, is_usual && part != "table" ? &bare : nullptr, true, size, figures);
+      }
+    }
   }
   figures.print();
 }

@@ -18,9 +18,11 @@ CHARTS: dict[str, tuple[str, str, str, dict[str, str]]] = {
         "drones",
         "per second",
         {
-            "steps of lidar": "step/n{x}/steps_per_second",
-            "scans of 35 beams": "step/lidar/n{x}/scans_per_second",
-            "frames of 64 x 64": "camera: camera_table/playground/64x64x{x}/raycast_frames_per_second",
+            "LiDAR scans": "step: lidar/fan35x{x}/scans_per_second",
+            "steps of the LiDAR task": "step/n{x}/steps_per_second",
+            "scans, Embree alone": "step: lidar/fan35x{x}/bare_embree_scans_per_second",
+            "images of 64 x 64": "step: camera/raycast/playground/64x64x{x}/frames_per_second",
+            "images, Embree alone": "step: camera/raycast/playground/64x64x{x}/bare_embree_frames_per_second",
         },
     ),
     "speed-threads": (

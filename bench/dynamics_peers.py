@@ -7,7 +7,6 @@ after one second of given rotor speeds. The environments contain nothing of floc
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import json
 import sys
@@ -183,14 +182,7 @@ def measure() -> list[Figure]:
     return [*of_each("dynamics_peers", PEERS, compared)]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("peer", choices=["flockstep", *PEERS])
-    parser.add_argument("case", help="JSON")
-    args = parser.parse_args()
-    fly = of_flockstep if args.peer == "flockstep" else importlib.import_module(f"peers.{args.peer}").fly
-    print("\n" + json.dumps(asdict(fly(Quadrotor(**json.loads(args.case))))))
-
-
 if __name__ == "__main__":
-    main()
+    name, told = sys.argv[1:]
+    fly = of_flockstep if name == "flockstep" else importlib.import_module(f"peers.{name}").fly
+    print("\n" + json.dumps(asdict(fly(Quadrotor(**json.loads(told))))))

@@ -1,4 +1,4 @@
-"""Cost of a step on the engines of docs/several-machines.md: rate, processor time, and bytes through the network.
+"""Cost of a step on the engines of docs/several-machines.md, and trainings by the programs of docs/trainers.md.
 
 Each process flies 256 drones, so that more processes fly more drones. The programs of examples/trainers/ run for a few
 updates, without their evaluation flights. Time and bytes are counted between updates, over all processes of the
@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import re
 import resource
 import statistics
 import subprocess
@@ -19,7 +20,7 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from timing import Measured
+from timing import Figure, Measured, figure
 
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAMS = ROOT / "examples" / "trainers"
@@ -126,23 +127,19 @@ def environment() -> dict[str, str]:
     }
 
 
+def launch(program: Sequence[object], has_ray: bool = False, processes: int | None = None) -> str:
+    """Run a program, by `torchrun` if it has processes; return its output."""
+    python = ray_python() if has_ray else sys.executable
+    torchrun = ["-m", "torch.distributed.run", "--standalone", f"--nproc-per-node={processes}"] if processes else []
+    command = [python, *torchrun, *map(str, program)]
+    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, env=environment()).stdout
+
+
 def run(engine: str, processes: int) -> dict[str, float]:
     """Run a program in a new process; return what it printed."""
-    python = ray_python() if engine == "rllib" else sys.executable
-    launcher = (
-        ["-m", "torch.distributed.run", "--standalone", f"--nproc-per-node={processes}"] if engine == "ddp" else []
-    )
     begun = time.time()
-    done = subprocess.run(
-        [python, *launcher, __file__, engine, str(processes)],
-        check=True,
-        stdout=subprocess.PIPE,
-        text=True,
-        env=environment(),
-    )
-    found: dict[str, float] = next(
-        json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"seconds"')
-    )
+    output = launch([__file__, engine, processes], engine == "rllib", processes if engine == "ddp" else None)
+    found: dict[str, float] = next(json.loads(line) for line in output.splitlines() if line.startswith('{"seconds"'))
     return {**found, "start_s": found["began"] - begun}
 
 
@@ -168,6 +165,44 @@ def measure() -> Iterator[Measured]:
                 runs.setdefault((engine, processes), []).append(run(engine, processes))
     for (engine, processes), found in runs.items():
         yield from figures(engine, processes, found)
+
+
+# --- trainings
+
+#: Programs of examples/trainers/ by the name of their figures, with the processes of those that `torchrun` starts.
+TRAINERS: dict[str, tuple[str, int | None]] = {
+    "sb3": ("sb3_ppo.py", None),
+    "cleanrl": ("cleanrl_ppo.py", None),
+    "torchrl_gymwrapper": ("torchrl_ppo.py", None),
+    "torchrl_gymenv": ("torchrl_ppo.py --env gymenv", None),
+    "skrl": ("skrl_ppo.py", None),
+    **{f"ddp_{n}": ("ddp_ppo.py", n) for n in (1, 2)},
+    **{f"torchrl_processes_{n}": (f"torchrl_collectors.py --workers {n}", None) for n in (1, 2)},
+    **{
+        f"torchrl_distributed_{n}": (f"torchrl_collectors.py --workers {n} --collector distributed", None)
+        for n in (1, 2)
+    },
+    **{f"rllib_{n}": (f"rllib_ppo.py --runners {n}", None) for n in (1, 2)},
+}
+TRAINED = re.compile(r"^(\S+ \S+), (\w+): (\d) of 7 playgrounds after ([\d,]+) steps, ([\d,]+) steps/s$", re.MULTILINE)
+
+
+def train() -> Iterator[Figure]:
+    """Train from scratch with each program. The programs alternate, so that a busy hour affects all of them."""
+    for seed in range(3):
+        for name, (program, processes) in TRAINERS.items():
+            script, *options = program.split()
+            output = launch([PROGRAMS / script, *options, "--seed", seed], name.startswith("rllib"), processes)
+            ended = TRAINED.search(output)
+            assert ended, output
+            steps, rate = (float(ended[i].replace(",", "")) for i in (4, 5))
+            told = f"torchrun --nproc-per-node {processes} {program}" if processes else program
+            about = {"program": told, "version": ended[1], "autoreset_mode": ended[2]}
+            subject = f"trainers/{name}/seed{seed}"
+            yield figure(f"{subject}/steps_per_second", rate, "1/s", 1, **about)
+            yield figure(f"{subject}/steps", steps, "1", 1, **about)
+            yield figure(f"{subject}/seconds", steps / rate, "s", 1, **about)
+            yield figure(f"{subject}/playgrounds", float(ended[3]), "1", 1, **about)
 
 
 if __name__ == "__main__":

@@ -1,14 +1,11 @@
-"""Measure the learner: one update beside Stable-Baselines3's, drawing actions, and what a second thread gains."""
+"""Measure the learner: one update beside Stable-Baselines3's, and drawing actions."""
 
 from __future__ import annotations
 
-import dataclasses
 import statistics
-import sys
 import time
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,21 +18,16 @@ from stable_baselines3.common.logger import configure
 
 import flockstep
 from flockstep import _core
-from timing import Measured, in_turns, median_ratio, timed
-
-sys.path.append(str(Path(__file__).resolve().parent.parent))
-from training.board import TRAININGS, training_seconds
+from timing import RUNS, Measured, in_turns, median_ratio, timed
 
 Array = npt.NDArray[Any]
 
 INPUTS, ACTIONS, STEPS, ROWS, EPOCHS = 38, 3, 32, 512, 3
 MINIBATCHES = (4096, 1024)
-TRAINED = ("hover", "lidar")
-SHARE = 8  # of a training's steps, for the gain of a second thread
 
 
-def measure(runs: int) -> Iterator[Measured]:
-    """Measure microseconds per step of the rollout, their ratios, and the gain of a second thread."""
+def measure(runs: int = RUNS) -> Iterator[Measured]:
+    """Measure microseconds per step of the rollout, and their ratios."""
     torch.set_num_threads(1)
     ours, rollout = ours_and_its_rollout()
     walled = partial(timed, clock=time.perf_counter)
@@ -52,10 +44,6 @@ def measure(runs: int) -> Iterator[Measured]:
         yield f"{name}/flockstep_microseconds", us[both[0]], "us", runs
         yield f"{name}/sb3_microseconds", us[both[1]], "us", runs
         yield f"{name}/ratio", median_ratio(times[both[0]], times[both[1]]), "1", runs
-    for name in TRAINED:
-        recipe = dataclasses.replace(TRAININGS[name], steps=TRAININGS[name].steps // SHARE)
-        seconds = [[training_seconds(recipe, 100 + run, threads) for run in range(runs)] for threads in (1, 2)]
-        yield f"learner/threads/{name}/speedup_of_two", median_ratio(*seconds), "1", runs
 
 
 def ours_and_its_rollout() -> tuple[Any, dict[str, Array]]:

@@ -35,6 +35,7 @@
 #include "bench.hpp"
 #include "collision/sweep.hpp"
 #include "flockstep/batch.hpp"
+#include "mesh_world.hpp"
 #include "trace/scene.hpp"
 #include "trace/user_geometry.hpp"
 
@@ -48,8 +49,7 @@ void scan_direct(const Sensors& sensors, const std::vector<Shape>& shapes, float
 
 namespace {
 
-using bench::BareScene, bench::chord_error, bench::free_positions, bench::make_query, bench::Query, bench::trace_packet,
-    bench::triangle_scene;
+using bench::BareScene, bench::free_positions, bench::make_query, bench::Query, bench::trace_packet, bench::triangle_scene;
 using flockstep::Vec3;
 using flockstep::trace::Shape;
 
@@ -102,11 +102,7 @@ void trace_bare(RTCScene scene, Rays& rays, bool coherent) {
   for (std::size_t first = 0; first < count; first += kLanes) {
     const std::size_t lanes = std::min(kLanes, count - first);
     std::fill_n(packet.hit.geomID, kLanes, RTC_INVALID_GEOMETRY_ID);
-    if (lanes == kLanes) {
-      fill(first, kLanes);
-    } else {  // unused lanes keep the previous packet's rays
-      fill(first, lanes);
-    }
+    lanes == kLanes ? fill(first, kLanes) : fill(first, lanes);  // unused lanes keep the previous packet's rays
     trace_packet(scene, valid.data(), packet, query);
     for (std::size_t i = 0; i < lanes; ++i) {
       rays.t[first + i] =
@@ -177,7 +173,7 @@ struct BareDirect {
 };
 
 void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, int num_drones,
-                const flockstep::Batch::Worlds& worlds, int runs, bench::Figures& figures) {
+                const flockstep::Batch::Worlds& worlds, bench::Figures& figures) {
   flockstep::BatchConfig config;
   config.num_envs = num_drones;
   config.num_threads = 1;
@@ -217,12 +213,13 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
     Rays& r = rays[i % worlds.size()];
     direct[i % worlds.size()].add(position.data() + 3 * i);
     for (std::size_t k = 0; k < per_drone; ++k) {
+      const float* const along = &directions[3 * (i * per_drone + k)];
       r.ox.push_back(position[3 * i]);
       r.oy.push_back(position[3 * i + 1]);
       r.oz.push_back(position[3 * i + 2]);
-      r.dx.push_back(directions[3 * (i * per_drone + k)]);
-      r.dy.push_back(directions[3 * (i * per_drone + k) + 1]);
-      r.dz.push_back(directions[3 * (i * per_drone + k) + 2]);
+      r.dx.push_back(along[0]);
+      r.dy.push_back(along[1]);
+      r.dz.push_back(along[2]);
       r.range.push_back(lidar.max_range_m);
       r.t.push_back(0.0F);
     }
@@ -255,35 +252,24 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
   const std::size_t end_of_bare = variants.size();
   variants.push_back({"engine by Embree", [&by_embree] { by_embree.sense(); }});
   const flockstep::FlushDenormals flush;
-  bench::Times times = bench::interleave(variants, runs);
-
-  const auto fastest = [&](std::size_t first, std::size_t end) {
-    std::size_t best = first;
-    for (std::size_t v = first; v < end; ++v) {
-      if (bench::median(times[v]) < bench::median(times[best])) best = v;
-    }
-    return best;
-  };
-  for (std::size_t v = 0; v < variants.size(); ++v) {
-    std::fprintf(stderr, "  %-36s %8.3f M rays/s\n", variants[v].label.c_str(),
-                 static_cast<double>(n * per_drone) / bench::median(times[v]) / 1e6);
-  }
+  const bench::Times times = bench::interleave(variants, kRuns);
+  bench::print_rates(name, variants, times, static_cast<double>(n), "scans/s");
   const auto per_second = [&](std::size_t v) { return static_cast<double>(n) / bench::median(times[v]); };
   const auto ratio = [&](const std::string& figure, std::size_t v) {
-    figures.add("lidar/" + figure, bench::median_ratio(times[v], times[0]), "1", runs);
+    figures.add("lidar/" + figure, bench::median_ratio(times[v], times[0]), "1", kRuns);
   };
-  const std::size_t best = fastest(first_analytic, end_of_bare);
+  const std::size_t best = bench::fastest(times, first_analytic, end_of_bare);
   ratio(name + "/ratio_to_bare_embree", best);
-  figures.add("lidar/" + name + "/scans_per_second", per_second(0), "1/s", runs);
-  figures.add("lidar/" + name + "/bare_embree_scans_per_second", per_second(best), "1/s", runs);
+  figures.add("lidar/" + name + "/scans_per_second", per_second(0), "1/s", kRuns);
+  figures.add("lidar/" + name + "/bare_embree_scans_per_second", per_second(best), "1/s", kRuns);
   const std::string by_packets = "lidar/embree_" + name;
-  figures.add(by_packets + "/ratio_to_bare_embree", bench::median_ratio(times[best], times[end_of_bare]), "1", runs);
-  figures.add(by_packets + "/scans_per_second", per_second(end_of_bare), "1/s", runs);
+  figures.add(by_packets + "/ratio_to_bare_embree", bench::median_ratio(times[best], times[end_of_bare]), "1", kRuns);
+  figures.add(by_packets + "/scans_per_second", per_second(end_of_bare), "1/s", kRuns);
   if (!has_primitives) return;
-  const std::size_t best_triangles = fastest(first_triangles, end_of_bare);
+  const std::size_t best_triangles = bench::fastest(times, first_triangles, end_of_bare);
   ratio("direct_" + name + "/ratio_to_bare_embree", best_triangles);
   ratio("direct_" + name + "/ratio_to_bare_direct", 1);
-  figures.add("lidar/direct_" + name + "/bare_embree_scans_per_second", per_second(best_triangles), "1/s", runs);
+  figures.add("lidar/direct_" + name + "/bare_embree_scans_per_second", per_second(best_triangles), "1/s", kRuns);
 }
 
 // A world of thousands of upright cylinders on a floor.
@@ -301,18 +287,6 @@ std::shared_ptr<const flockstep::World> forest() {
   return std::make_shared<const flockstep::World>(std::move(description));
 }
 
-// Returns the same worlds with everything tessellated.
-flockstep::Batch::Worlds tessellated(const flockstep::Batch::Worlds& worlds) {
-  flockstep::Batch::Worlds meshes;
-  for (const auto& world : worlds) {
-    flockstep::SceneDescription description;
-    description.mesh = world->mesh(chord_error(*world));
-    description.materials.assign(world->materials().begin(), world->materials().end());
-    meshes.push_back(std::make_shared<const flockstep::World>(std::move(description)));
-  }
-  return meshes;
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -320,22 +294,25 @@ int main(int argc, char** argv) {
   for (int i = 1; i <= 5; ++i) {
     worlds.push_back(flockstep::World::load(FLOCKSTEP_SCENES "/playground/train-" + std::to_string(i) + ".json"));
   }
-  // "fan" runs only the first case, quickly. bench/run.py divides by it while timing the steps of an environment.
-  const bool quick = argc > 1 && std::string(argv[1]) == "fan";
+  // "sweep" runs only the first case, with the given numbers of drones.
+  const bool is_sweep = argc > 1 && std::string(argv[1]) == "sweep";
   bench::Figures figures;
-  bench_case("fan35x1024", {}, 1024, worlds, quick ? 1 : kRuns, figures);
-  if (!quick) {
+  const auto fan = [&](const std::string& drones) { bench_case("fan35x" + drones, {}, std::stoi(drones), worlds, figures); };
+  for (int i = 2; i < argc; ++i) fan(argv[i]);
+  if (!is_sweep) {
+    fan("1024");
     flockstep::LidarConfig grid;
     grid.channels = 16;
     grid.beams = 360;
     grid.hfov_deg = 360.0F;
     grid.vfov_deg = 30.0F;
     grid.max_range_m = 30.0F;
-    bench_case("grid16x360x256", grid, 256, worlds, kRuns, figures);
-    bench_case("forest_fan35x1024", {}, 1024, {forest()}, kRuns, figures);
-    const flockstep::Batch::Worlds meshes = tessellated(worlds);
-    bench_case("mesh_fan35x1024", {}, 1024, meshes, kRuns, figures);
-    bench_case("mesh_grid16x360x256", grid, 256, meshes, kRuns, figures);
+    bench_case("grid16x360x256", grid, 256, worlds, figures);
+    bench_case("forest_fan35x1024", {}, 1024, {forest()}, figures);
+    flockstep::Batch::Worlds meshes;
+    for (const auto& world : worlds) meshes.push_back(bench::triangles_of(*world, bench::chord_error(*world)));
+    bench_case("mesh_fan35x1024", {}, 1024, meshes, figures);
+    bench_case("mesh_grid16x360x256", grid, 256, meshes, figures);
   }
   figures.print();
 }

@@ -7,7 +7,6 @@ differ from ours. The environments contain nothing of flockstep except a file of
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import json
 import statistics
@@ -139,6 +138,7 @@ def differ(told: Array, ours: Array) -> npt.NDArray[np.bool_]:
 def case_of(name: str) -> Rays:
     """Return the triangles of a generated world, and rays of both sensors from positions in its free space."""
     import flockstep
+    from flockstep.rotations import rotate
 
     world = getattr(flockstep.World, name)(0)
     mesh = world.mesh(CHORD_ERROR_M)
@@ -150,7 +150,7 @@ def case_of(name: str) -> Rays:
     case = Rays(mesh["vertices"], mesh["triangles"], position, quat_wxyz.astype(np.float32))
     triangles = world_of(case)
     for sensor in SENSORS:
-        along = turned(case.quat_wxyz, pattern(sensor))
+        along = rotate(case.quat_wxyz.astype(float)[:, None], pattern(sensor))
         case.directions[sensor] = (along / np.linalg.norm(along, axis=2, keepdims=True)).astype(np.float32)
         case.distances[sensor] = sensing(triangles, case, sensor, "auto")().reshape(PLACES, -1)
     return case
@@ -168,14 +168,6 @@ def pattern(sensor: str) -> Array:
     u, v = np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5)
     ahead = np.ones(u.size)
     return np.stack([ahead, (camera.cx - u.ravel()) / camera.fx, (camera.cy - v.ravel()) / camera.fy], axis=1)
-
-
-def turned(quat_wxyz: Array, vectors: Array) -> Array:
-    """Rotate vectors (R, 3) by each of the quaternions (N, 4): (N, R, 3)."""
-    quat = quat_wxyz.astype(float) / np.linalg.norm(quat_wxyz.astype(float), axis=1, keepdims=True)
-    w, axis = quat[:, None, :1], quat[:, None, 1:]
-    twice = 2 * np.cross(axis, vectors[None])
-    return np.asarray(vectors + w * twice + np.cross(axis, twice))
 
 
 def rates(who: str, found: list[Found], ours: list[Found]) -> Iterator[Told]:
@@ -211,7 +203,7 @@ def measure() -> list[Figure]:
             ours: list[Found] = []
             theirs: list[Found] = []
             for run in range(RUNS):
-                told = [*files, *(["--compare"] if run == 0 else [])]
+                told = ["measure" if run else "compare", *files]
                 ours.append(Found(**ask(Path(sys.executable), FILE, "flockstep", *told)))
                 theirs.append(Found(**ask(python, FILE, peer, *told)))
             yield from rates(peer, theirs, ours)
@@ -220,14 +212,6 @@ def measure() -> list[Figure]:
         return [*figures, *of_each("mesh_peers", PEERS, compared)]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("peer", choices=["flockstep", *PEERS])
-    parser.add_argument("files", nargs="+", type=Path, help="cases; the name of a file is that of its world")
-    parser.add_argument("--compare", action="store_true", help="also report how many distances differ")
-    args = parser.parse_args()
-    print("\n" + json.dumps(asdict(find(args.peer, args.files, args.compare))))
-
-
 if __name__ == "__main__":
-    main()
+    name, compares, *paths = sys.argv[1:]
+    print("\n" + json.dumps(asdict(find(name, [Path(path) for path in paths], compares == "compare"))))

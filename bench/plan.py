@@ -24,9 +24,8 @@ def worlds() -> Iterator[tuple[str, Callable[[], flockstep.World]]]:
             yield f"{generator}/{seed}", lambda make=make, seed=seed: make(seed)  # type: ignore[misc]
 
 
-def measure() -> list[Measured]:
+def measure() -> Iterator[Measured]:
     """Measure the processor time of the first plan in each world, including its preparation, and the path length."""
-    found: list[Measured] = []
     seconds: dict[str, list[float]] = {}
     for name, make in worlds():
         world = make()
@@ -36,14 +35,9 @@ def measure() -> list[Measured]:
         took = time.process_time() - before
         assert path is not None, f"{name}: expected a path, got none"
         legs = np.diff(path.astype(float), axis=0)
-        found += [
-            (f"plan/{name}/cpu_seconds", took, "s", 1),
-            (f"plan/{name}/length_m", float(np.linalg.norm(legs, axis=1).sum()), "m", 1),
-        ]
+        yield f"plan/{name}/cpu_seconds", took, "s", 1
+        yield f"plan/{name}/length_m", float(np.linalg.norm(legs, axis=1).sum()), "m", 1
         seconds.setdefault(name.split("/")[0] if name.split("/")[1].isdigit() else "bundled", []).append(took)
     for kind, times in seconds.items():
-        found += [
-            (f"plan/{kind}/median_cpu_seconds", statistics.median(times), "s", len(times)),
-            (f"plan/{kind}/most_cpu_seconds", max(times), "s", len(times)),
-        ]
-    return found
+        yield f"plan/{kind}/median_cpu_seconds", statistics.median(times), "s", len(times)
+        yield f"plan/{kind}/most_cpu_seconds", max(times), "s", len(times)

@@ -1,116 +1,56 @@
-"""Run the benchmarks: `./dev bench [NAME]` writes the figures of each to out/bench/NAME.json.
-
-lidar   the LiDAR stage against bare Embree and against a bare direct loop
-step    whole steps of the vector environments, stage by stage, and their memory
-camera  cameras against bare Embree and bare OpenGL, by size, world and backend; capture modes; memory
-camera_train  the camera task, which observes the green blob in an image, by train_ppo with five seeds; only if named
-pixels_train  the same for the task that observes the image itself; takes half an hour; only if named
-learner one update of flockstep.PPO beside Stable-Baselines3's, and what a second thread gains; needs an idle machine
-board   the trainings of docs/board.md with five seeds each, also with Stable-Baselines3; only if named, takes hours
-flight_train  Hover and Track by Stable-Baselines3, and the controller only; the LiDAR task's policy with rotors
-worlds  LiDARs and cameras in every bundled world, and the share of rays traced by Embree
-load    time and memory to load files of a million triangles and more
-server  round trips of the clients against a bare echo, a remote vector environment, many clients, streams
-scaling steps, frames and trainings with 1, 2, 4, ... threads, up to one per processor; only if named
-imaging cost of colour detection, HSV and smaller images, in our kernels and in OpenCV
-race    steps of Race, with gates that are solid and with gates that are not
-bodies  scans, steps and frames among bodies and beside the same solids in the static world; ticks of scripts
-meetings  steps and scans of drones that see and touch each other, and of the same drones in separate envs
-workers start of a trainer's worker: import, worlds, first scan, step and frame, memory; by spawn, by fork, by pickle
-engines steps of DDP, TorchRL's collectors and RLlib with 1, 2, 4, ... processes: rate, time, bytes; only if named
-plan    paths from start to goal in every bundled world and twenty of each generator: processor time and length
-trainers  the programs of examples/trainers/ with three seeds each: speed, and steps until they solve the LiDAR task
-dynamics  rotor flight: the kernel against a bare one, every controller and term, contacts, steps, memory
-dynamics_accuracy  errors of rotor flight against double precision, and quality of the controller
-dynamics_peers  comparison with other simulators, which pip downloads into out/peers/; only if named
-mesh_peers  comparison with other ray casters on the same triangles, also downloaded; only if named
-
-The name of a task whose row in flockstep/trainings/table.py has a bench: its trainings beside flyers without a policy;
-only if named.
-"""
+"""Run the benchmarks: `./dev bench [NAME]` writes the figures of each to out/bench/NAME.json; --help lists them."""
 
 from __future__ import annotations
 
 import argparse
-import json
+import importlib
 import os
 import platform
-import re
 import shutil
 import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-import bodies
-import bundled
 import compare_rows
-import dynamics_accuracy
 import dynamics_peers
-import engines
 import flockstep
-import imaging
-import meetings
-import mesh_peers
 import peers
-import plan
-import scaling
 import server
 import table
 import tasks
-import workers
 from flockstep import _core
-from timing import RUNS, Call, Figure, figure, in_turns, median_ratio, of, timed
+from timing import RUNS, Call, Figure, Measured, figure, in_turns, median_ratio, native, timed
 
 ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out" / "bench"
+sys.path += [str(ROOT), str(ROOT / "examples")]  # for what some benchmarks import when they run
 SIZES = (1, 16, 256, 1024, 4096, 16384)
 DRONES = 1024  # of flights whose costs are compared
-
-
-def native(name: str, *args: str) -> list[Figure]:
-    """Run a C++ benchmark and return the figures it prints."""
-    folder = Path(os.environ["FLOCKSTEP_BENCH_DIR"])
-    result = subprocess.run([folder / name, *args], check=True, stdout=subprocess.PIPE, text=True)
-    figures: list[Figure] = json.loads(result.stdout)
-    return figures
 
 
 def bench_step() -> list[Figure]:
     """Time `DroneVectorEnv.step` of the LiDAR task under random actions, in steady state, including resets.
 
-    The rate is divided by that of a bare Embree LiDAR loop, which only traces: once with triangles
-    (`ratio_to_bare_lidar`), and once with analytic geometry, for which Embree calls back the engine's own kernels
-    (`ratio_to_bare_analytic_lidar`).
+    By the same numbers of drones, time scans and images, beside Embree alone and Embree's packets in the engine.
     """
-    bare: dict[str, list[float]] = {"direct_": [], "": []}
-
-    def trace() -> float:
-        found = {f["name"]: f["value"] for f in native("lidar", "fan")}
-        for kind, rates in bare.items():
-            rates.append(found[f"lidar/{kind}fan35x1024/bare_embree_scans_per_second"])
-        return 0.0
-
-    steps = {n: walled(stepping(n)) for n in SIZES}
-    times = in_turns({**steps, "bare": trace, "again": steps[1024]})
-    rates = [1024 / statistics.mean(both) for both in zip(times[1024], times["again"], strict=True)]
-    figures = [figure(f"step/n{n}/steps_per_second", n / statistics.median(times[n]), "1/s", RUNS) for n in SIZES]
-    figures += [
-        figure("step/n1024/ratio_to_bare_lidar", median_ratio(rates, bare["direct_"]), "1", RUNS),
-        figure("step/n1024/ratio_to_bare_analytic_lidar", median_ratio(rates, bare[""]), "1", RUNS),
+    times = in_turns({n: walled(stepping(n)) for n in SIZES})
+    return [
+        *(figure(f"step/n{n}/steps_per_second", n / statistics.median(times[n]), "1/s", RUNS) for n in SIZES),
         figure("step/n1/microseconds", 1e6 * statistics.median(times[1]), "us", RUNS),
         figure("step/bytes_per_drone", bytes_per_drone(), "B", 1),
+        *native("lidar", "sweep", *SIZES),
+        *native("camera", "sweep", *SIZES),
+        *worlds_of_their_own(),
+        *tasks_in_python(),
+        *native("stages"),
     ]
-    scans = in_turns({n: walled(compare_rows.measuring(compare_rows.train, n, {}, "auto")(flockstep)) for n in SIZES})
-    for n, seconds in scans.items():
-        figures.append(figure(f"step/lidar/n{n}/scans_per_second", n / statistics.median(seconds), "1/s", RUNS))
-    return figures + worlds_of_their_own() + tasks_in_python() + native("stages")
 
 
 def walled(call: Call) -> Callable[[], float]:
@@ -137,7 +77,6 @@ def stepping(n: int, **settings: Any) -> Call:
 
 def tasks_in_python() -> list[Figure]:
     """Compare the LiDAR task with two of the examples, which compute the same in Python."""
-    sys.path.append(str(ROOT / "examples"))
     import navigation_numpy  # type: ignore[import-not-found]
     import navigation_terms  # type: ignore[import-not-found]
 
@@ -284,108 +223,61 @@ def flown_steps(n: int = dynamics_peers.DRONES) -> list[Figure]:
     return figures
 
 
-def bench_trained(name: str) -> list[Figure]:
-    import trained  # imports PyTorch, as do the next two
-
-    return trained.measure(name.removesuffix("_train"), OUT / "train")
-
-
 def bench_board() -> list[Figure]:
-    sys.path.append(str(ROOT))
-    from training import board
+    from training import board  # imports PyTorch
 
-    (OUT / "train").mkdir(parents=True, exist_ok=True)
     return board.main(board.Args(out=OUT / "train"))
 
 
-def bench_learner() -> list[Figure]:
-    """Compare an update of `flockstep.PPO` with Stable-Baselines3's, and one thread with two."""
-    import learner
+class Bench(NamedTuple):
+    """A benchmark: what it measures, and by a function of this file or of a module, which is `measure` by default."""
 
-    return of(learner.measure, RUNS)()
+    what: str
+    by: Callable[[], Iterable[Measured | Figure]] | str
+    is_apart: bool = False
+
+    def figures(self) -> list[Figure]:
+        if isinstance(self.by, str):
+            module, _, function = self.by.partition(":")
+            measured = getattr(importlib.import_module(module), function or "measure")()
+        else:
+            measured = self.by()
+        return [figure(*each) if isinstance(each, tuple) else each for each in measured]
 
 
-#: Programs of examples/trainers/ by the name of their figures, and the format of their last line.
-TRAINERS = {
-    "sb3": "sb3_ppo.py",
-    "cleanrl": "cleanrl_ppo.py",
-    "torchrl_gymwrapper": "torchrl_ppo.py",
-    "torchrl_gymenv": "torchrl_ppo.py --env gymenv",
-    "skrl": "skrl_ppo.py",
-    "ddp_1": "torchrun --nproc-per-node 1 ddp_ppo.py",
-    "ddp_2": "torchrun --nproc-per-node 2 ddp_ppo.py",
-    "torchrl_processes_1": "torchrl_collectors.py --workers 1",
-    "torchrl_processes_2": "torchrl_collectors.py --workers 2",
-    "torchrl_distributed_1": "torchrl_collectors.py --workers 1 --collector distributed",
-    "torchrl_distributed_2": "torchrl_collectors.py --workers 2 --collector distributed",
-    "rllib_1": "rllib_ppo.py --runners 1",
-    "rllib_2": "rllib_ppo.py --runners 2",
+#: Benchmarks by name. Those apart, which take hours, or download other programs, run only if named.
+BENCHES = {
+    "lidar": Bench("the LiDAR stage beside Embree alone and beside a direct loop", partial(native, "lidar")),
+    "step": Bench("steps, scans and images by number of drones; stages and memory of a step", bench_step),
+    "camera": Bench("cameras beside Embree alone, by size, world and backend; capture modes; memory", bench_camera),
+    "camera_train": Bench("the task that observes a green blob, by train_ppo, five seeds", "trained:camera", True),
+    "pixels_train": Bench("the task that observes the image, by train_ppo, five seeds", "trained:pixels", True),
+    "lidar_by_rotors": Bench("a policy of the LiDAR task, flown with and without rotors", "trained:by_rotors"),
+    "board": Bench("the trainings of docs/board.md, five seeds each, also by Stable-Baselines3", bench_board, True),
+    "trainers": Bench("the programs of examples/trainers/: speed, and steps until they solve", "engines:train"),
+    "learner": Bench("an update of flockstep.PPO beside Stable-Baselines3's; needs an idle machine", "learner"),
+    "scaling": Bench("steps, images and trainings by number of threads, up to the processors", "scaling", True),
+    "load": Bench("time and memory to load files of a million triangles and more", "bundled:measure_loading"),
+    "worlds": Bench("LiDARs and cameras in every bundled world, and their share of Embree", "bundled"),
+    "imaging": Bench("colour detection, HSV and smaller images, in our kernels and in OpenCV", "imaging"),
+    "plan": Bench("paths in every bundled world and twenty of each generator: time and length", "plan"),
+    "race": Bench("steps of Race, with gates that are solid and with gates that are not", "tasks:measure_race"),
+    "bodies": Bench("scans, steps and images among bodies, and beside the same static solids; scripts", "bodies"),
+    "contact_groups": Bench("steps of drones that sense each other and collide", "contact_groups"),
+    "workers": Bench("start of a trainer's worker by spawn, fork and pickle: time by stage, memory", "workers"),
+    "engines": Bench("steps of DDP, TorchRL's collectors and RLlib by number of processes", "engines", True),
+    "server": Bench("round trips beside an echo, a remote vector env, many clients, streams", "server"),
+    "dynamics": Bench("rotor flight: kernel, controllers, terms, contacts, steps, memory", bench_dynamics),
+    "dynamics_accuracy": Bench("errors of rotor flight against double precision", "dynamics_accuracy"),
+    "dynamics_peers": Bench("other simulators, which pip downloads into out/peers/", "dynamics_peers", True),
+    "mesh_peers": Bench("other ray casters on the same triangles, also downloaded", "mesh_peers", True),
+    **{
+        name: Bench(
+            f"trainings of {', '.join(rows)} beside flyers without a policy", partial(tasks.measure, name), True
+        )
+        for name, rows in tasks.BENCHES.items()
+    },
 }
-TRAINED = re.compile(r"^(\S+ \S+), (\w+): (\d) of 7 playgrounds after ([\d,]+) steps, ([\d,]+) steps/s$", re.MULTILINE)
-
-
-def bench_trainers() -> list[Figure]:
-    """Train from scratch with each program. The programs alternate, so that a busy hour affects all of them."""
-    figures = []
-    for seed in range(3):
-        for name, program in TRAINERS.items():
-            words = program.split()
-            launcher: list[str] = []
-            if words[0] == "torchrun":
-                launcher, words = ["-m", "torch.distributed.run", "--standalone", *words[1:-1]], words[-1:]
-            script = str(ROOT / "examples" / "trainers" / words[0])
-            python = engines.ray_python() if name.startswith("rllib") else sys.executable
-            command = [python, *launcher, script, *words[1:], "--seed", str(seed)]
-            output = subprocess.run(
-                command, check=True, stdout=subprocess.PIPE, text=True, env=engines.environment()
-            ).stdout
-            ended = TRAINED.search(output)
-            assert ended, output
-            subject = f"trainers/{name}/seed{seed}"
-            steps, rate = (float(ended[i].replace(",", "")) for i in (4, 5))
-            found = [
-                figure(f"{subject}/steps_per_second", rate, "1/s", 1),
-                figure(f"{subject}/steps", steps, "1", 1),
-                figure(f"{subject}/seconds", steps / rate, "s", 1),
-                figure(f"{subject}/playgrounds", float(ended[3]), "1", 1),
-            ]
-            figures += [{**f, "program": program, "version": ended[1], "autoreset_mode": ended[2]} for f in found]
-    return figures
-
-
-#: All benchmarks.
-BENCHES: dict[str, Callable[[], list[Figure]]] = {
-    "lidar": partial(native, "lidar"),
-    "step": bench_step,
-    "camera": bench_camera,
-    "camera_train": partial(bench_trained, "camera_train"),
-    "pixels_train": partial(bench_trained, "pixels_train"),
-    "flight_train": of(tasks.measure_flights),
-    "board": bench_board,
-    "trainers": bench_trainers,
-    "learner": bench_learner,
-    "scaling": of(scaling.measure),
-    "load": of(bundled.measure_loading),
-    "worlds": of(bundled.measure),
-    "imaging": of(imaging.measure),
-    "plan": of(plan.measure),
-    "race": of(tasks.measure_race),
-    "bodies": of(bodies.measure),
-    "meetings": of(meetings.measure),
-    **{name: of(tasks.measure, name) for name in tasks.BENCHES},
-    "workers": of(workers.measure),
-    "engines": of(engines.measure),
-    "server": of(server.measure),
-    "dynamics": bench_dynamics,
-    "dynamics_accuracy": of(dynamics_accuracy.measure),
-    "dynamics_peers": dynamics_peers.measure,
-    "mesh_peers": mesh_peers.measure,
-}
-#: Benchmarks that run only if named.
-APART = (
-    *tasks.BENCHES,
-    *("board", "camera_train", "pixels_train", "engines", "scaling", "dynamics_peers", "mesh_peers"),
-)
 
 
 def machine() -> dict[str, Any]:
@@ -421,28 +313,25 @@ def commit_date() -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "names",
-        nargs="*",
-        metavar="NAME",
-        help=f"one of {', '.join(BENCHES)}; without one, all but {', '.join(APART)}",
+    listed = "\n".join(f"{name:18}{each.what}{' (only if named)' * each.is_apart}" for name, each in BENCHES.items())
+    parser = argparse.ArgumentParser(
+        description=f"{__doc__}\n\n{listed}", formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    names = parser.parse_args().names or [name for name in BENCHES if name not in APART]
+    parser.add_argument("names", nargs="*", metavar="NAME", help="default: all but those only if named")
+    names = parser.parse_args().names or [name for name, each in BENCHES.items() if not each.is_apart]
     for name in names:
         if name not in BENCHES:
             parser.error(f"NAME: expected one of {', '.join(BENCHES)}, got {name!r}")
+    OUT.mkdir(parents=True, exist_ok=True)
     for name in names:
         print(f"== {name}")
         measured = {"machine": machine(), "commit": commit(), "commit_date": commit_date()}
-        figures = BENCHES[name]()
+        figures = BENCHES[name].figures()
         if commit() != measured["commit"]:
             sys.exit(
                 f"{name}: the checkout changed while it ran, from {measured['commit']} to {commit()}; nothing written"
             )
-        OUT.mkdir(parents=True, exist_ok=True)
-        result = {**measured, "figures": figures}
-        (OUT / f"{name}.json").write_text(table.lines_of(result))
+        (OUT / f"{name}.json").write_text(table.lines_of({**measured, "figures": figures}))
         for f in figures:
             print(f"   {f['name']:55} {f['value']:>12,.6g} {f['unit']}")
 

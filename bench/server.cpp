@@ -2,7 +2,7 @@
 // Prints a JSON list of figures. bench/server.py starts the servers and runs this program:
 //
 //   server echo                                                answers on a free port, which it prints, until it is killed
-//   server round-trips DRONE ARRAYS PORT CALLS NAME:REQUEST:REPLY...
+//   server round-trips DRONE ARRAYS PORT CALLS (NAME REQUEST REPLY)...
 //                      addresses of two servers of flockstep, port of the echo, calls to time, sizes of messages in bytes
 //   server clients ADDRESS COUNT move|scan SECONDS             COUNT clients at once, each with a drone and a thread
 //   server encode IMAGES HZ                                    encodes images of 640 x 480 pixels at a rate, until it is killed
@@ -143,18 +143,6 @@ double percentile(const Times& sorted, double percent) {
   return sorted[static_cast<std::size_t>(std::round(percent / 100.0 * static_cast<double>(sorted.size() - 1)))];
 }
 
-struct Case {
-  std::string name;
-  Sizes sizes;
-};
-
-Case read_case(const std::string& text) {
-  const std::size_t first = text.find(':'), second = text.find(':', first + 1);
-  if (second == std::string::npos) throw std::invalid_argument("expected NAME:REQUEST:REPLY, got " + text);
-  const auto size = [](const std::string& digits) { return static_cast<std::uint32_t>(std::stoul(digits)); };
-  return {.name = text.substr(0, first), .sizes = {size(text.substr(first + 1)), size(text.substr(second + 1))}};
-}
-
 void round_trips(const std::vector<std::string>& arguments) {
   constexpr std::size_t kFixed = 4;
   if (arguments.size() <= kFixed) throw std::invalid_argument("round-trips: expected four arguments and cases");
@@ -180,8 +168,10 @@ void round_trips(const std::vector<std::string>& arguments) {
     std::ranges::sort(times);
     figures.add(name + "/p50", percentile(times, 50), "us", calls);
   };
-  for (std::size_t i = kFixed; i < arguments.size(); ++i) {
-    const auto [name, sizes] = read_case(arguments[i]);
+  const auto size = [&](std::size_t i) { return static_cast<std::uint32_t>(std::stoul(arguments.at(i))); };
+  for (std::size_t i = kFixed; i < arguments.size(); i += 3) {
+    const std::string& name = arguments[i];
+    const Sizes sizes{size(i + 1), size(i + 2)};
     add(name + "/tcp", time_tcp(port, sizes, calls));
     if (const auto operation = operations.find(name); operation != operations.end()) {
       add(name + "/cpp", time_calls(calls, operation->second));
@@ -244,7 +234,7 @@ void clients(const std::vector<std::string>& arguments) {
   add_ms("std", std::sqrt(squares / requests));
   add_ms("min", all.front());
   add_ms("max", all.back());
-  for (const int percent : {5, 25, 75, 95}) add_ms("p" + std::to_string(percent), percentile(all, percent));
+  for (const int percent : {5, 25, 75, 95}) add_ms('p' + std::to_string(percent), percentile(all, percent));
   figures.print();
 }
 

@@ -24,12 +24,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import flockstep
-import thesis
-from thesis import BEAMS, COLUMNS
-from timing import Measured, in_turns, median_ratio, timed
+from timing import Measured, in_turns, median_ratio, native, program, timed
 
 ROUNDS, CALLS = 9, 1000  # of round trips: medians of the rounds; calls in a round
-COUNTS = (1, 2, 4, 8, 16, 24, 32, 64, 128)  # clients at once
+COUNTS = (1, 2, 4, 8, 16, 24, 32, 64, 128)  # clients at once, as in the thesis (bench/results/thesis.json)
+BEAMS = (35, 125, 250, 500, 1000)
+COLUMNS = ("mean", "std", "min", "max", "p5", "p25", "p75", "p95")
 LOAD_S, STREAM_S, STEPS_S = 3.0, 5.0, 0.5
 LOADED_HZ = 1000.0  # rate at which a server steps while many clients load it
 RATE_S = 0.02  # time over which one value of its rate is measured
@@ -40,10 +40,10 @@ CAMERAS, STREAM_HZ = 8, 30.0
 
 def measure() -> Iterator[Measured]:
     """Measure everything. It takes nine minutes, and the machine must have nothing else to do."""
-    for place in (pinned, unpinned):
+    for name, place in (("pinned", pinned), ("unpinned", contextlib.nullcontext)):
         with place():
-            yield from measure_round_trips(f"server/round_trip/{place.__name__}")
-            yield from measure_vector_env(f"server/vector_env/{place.__name__}")
+            yield from measure_round_trips(f"server/round_trip/{name}")
+            yield from measure_vector_env(f"server/vector_env/{name}")
     yield from measure_clients("server/clients")
     yield from measure_streams("server/streams")
 
@@ -60,23 +60,6 @@ def pinned() -> Iterator[None]:
         yield
     finally:
         os.sched_setaffinity(0, before)
-
-
-@contextlib.contextmanager
-def unpinned() -> Iterator[None]:
-    """Run on all processors."""
-    yield
-
-
-def program() -> Path:
-    return Path(os.environ["FLOCKSTEP_BENCH_DIR"]) / "server"
-
-
-def native(*arguments: object) -> list[dict[str, Any]]:
-    """Run bench/server.cpp and return the figures it prints."""
-    command = [program(), *map(str, arguments)]
-    figures: list[dict[str, Any]] = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
-    return figures
 
 
 @contextlib.contextmanager
@@ -120,7 +103,7 @@ def measure_round_trips(prefix: str) -> Iterator[Measured]:
     with contextlib.ExitStack() as stack:
         drone_at = stack.enter_context(serving({**WORLD, "drones_per_env": 1, "lidars": [{}]})).address
         arrays_at = stack.enter_context(serving({**WORLD, "num_envs": DRONES, "lidars": [{"beams": 38}]})).address
-        port = stack.enter_context(running([program(), "echo"]))[0].strip()
+        port = stack.enter_context(running([program("server"), "echo"]))[0].strip()
         loop = asyncio.new_event_loop()
         stack.callback(loop.close)
         sync = [stack.enter_context(flockstep.connect(address)) for address in (drone_at, arrays_at)]
@@ -131,10 +114,10 @@ def measure_round_trips(prefix: str) -> Iterator[Measured]:
         awaited = operations(*others)
         sizes = {name: message_sizes(sync[name == "get_arrays"], call) for name, call in calls.items()}
         sizes["step_envs"] = step_sizes()
-        cases = [f"{name}:{request}:{reply}" for name, (request, reply) in sizes.items()]
+        cases = [word for name, both in sizes.items() for word in (name, *both)]
         found: dict[tuple[str, str], list[float]] = {}
         for _ in range(ROUNDS):
-            for f in native("round-trips", drone_at, arrays_at, port, CALLS, *cases):
+            for f in native("server", "round-trips", drone_at, arrays_at, port, CALLS, *cases):
                 name, by, _ = f["name"].split("/")
                 found.setdefault((name, by), []).append(f["value"])
             for name in calls:
@@ -249,7 +232,7 @@ def measure_clients(prefix: str) -> Iterator[Measured]:
                     client.set_lidar_config(beams=load)
                 with step_rates(client) as rates:
                     kind = "move" if load == "move" else "scan"
-                    figures = native("clients", served.address, count, kind, LOAD_S)
+                    figures = native("server", "clients", served.address, count, kind, LOAD_S)
                 name = f"{prefix}/{kind}{load if kind == 'scan' else ''}/{count}"
                 for f in figures:
                     yield f"{name}/{f['name']}", f["value"], f["unit"], 1
@@ -257,41 +240,32 @@ def measure_clients(prefix: str) -> Iterator[Measured]:
                 for what in COLUMNS:
                     value = np.percentile(values, int(what[1:])) if what[0] == "p" else getattr(values, what)()
                     yield f"{name}/rate_{what}", float(value), "1/s", len(rates)
-    yield from of_the_thesis(prefix)
-
-
-def of_the_thesis(prefix: str) -> Iterator[Measured]:
-    """Return the figures of the thesis for the same loads, beside which ours stand."""
-    for count in COUNTS:
-        for what, ms, fps in zip(COLUMNS, thesis.MOVE_MS[count], thesis.MOVE_FPS[count], strict=True):
-            yield f"{prefix}/move/{count}/thesis_{what}", ms, "ms", 1
-            yield f"{prefix}/move/{count}/thesis_rate_{what}", fps, "1/s", 1
-        for beams, (mean, std), fps in zip(BEAMS, thesis.SCAN_MS[count], thesis.SCAN_FPS[count], strict=True):
-            yield f"{prefix}/scan{beams}/{count}/thesis_mean", mean, "ms", 1
-            yield f"{prefix}/scan{beams}/{count}/thesis_std", std, "ms", 1
-            yield f"{prefix}/scan{beams}/{count}/thesis_rate_mean", fps, "1/s", 1
 
 
 @contextlib.contextmanager
 def step_rates(client: flockstep.client.Client) -> Iterator[list[float]]:
     """Collect the steps per second of a server, over short times, while the block runs."""
     rates: list[float] = []
+    with beside(lambda: rates.append(stepping_rate(client, RATE_S))):
+        yield rates
+
+
+@contextlib.contextmanager
+def beside(work: Callable[[], object]) -> Iterator[None]:
+    """Repeat a function in a thread while the block runs."""
     is_over = threading.Event()
 
-    def collect() -> None:
-        step, start = client.get_arrays(["tick"]).time.step, time.perf_counter()
-        while not is_over.wait(RATE_S):
-            before, then = step, start
-            step, start = client.get_arrays(["tick"]).time.step, time.perf_counter()
-            rates.append((step - before) / (start - then))
+    def repeat() -> None:
+        while not is_over.is_set():
+            work()
 
-    collector = threading.Thread(target=collect)
-    collector.start()
+    thread = threading.Thread(target=repeat)
+    thread.start()
     try:
-        yield rates
+        yield
     finally:
         is_over.set()
-        collector.join()
+        thread.join()
 
 
 # --- streams
@@ -315,7 +289,7 @@ def measure_streams(prefix: str) -> Iterator[Measured]:
                 watched.append(stepping_rate(client))
                 images.append((count() - before) / (time.perf_counter() - start))
             lost.append(1 - watched[-1] / unwatched[-1])
-            with running([program(), "encode", CAMERAS, STREAM_HZ]):
+            with running([program("server"), "encode", CAMERAS, STREAM_HZ]):
                 stepping_rate(client, 0.5)
                 beside.append(1 - stepping_rate(client) / unwatched[-1])
     yield f"{prefix}/steps_per_second", statistics.median(unwatched), "1/s", ROUNDS
@@ -336,21 +310,14 @@ def stepping_rate(client: flockstep.client.Client, seconds: float = STREAM_S) ->
 def watching(address: str) -> Iterator[Callable[[], int]]:
     """Read a stream of JPEG files of each drone in a thread. Yields a function that returns the number of files."""
     count = 0
-    is_over = threading.Event()
     with flockstep.connect(address) as client:
         streams = [client.drone(i).subscribe_camera(rate_hz=STREAM_HZ) for i in range(CAMERAS)]
 
         def read() -> None:
             nonlocal count
-            while not is_over.is_set():
-                for stream in streams:
-                    stream.receive(timeout_s=30)
-                    count += 1
+            for stream in streams:
+                stream.receive(timeout_s=30)
+                count += 1
 
-        reader = threading.Thread(target=read)
-        reader.start()
-        try:
+        with beside(read):
             yield lambda: count
-        finally:
-            is_over.set()
-            reader.join()

@@ -47,34 +47,6 @@ class RandomPolicy {
   std::vector<std::int64_t> actions_;
 };
 
-// Median time of each stage over the states, in ns per drone, in the order of `stages`.
-class Profile {
- public:
-  void add(const std::string& name, const std::function<void()>& run) { stages_.push_back({name, run}); }
-
-  void measure() {
-    const bench::Times times = bench::interleave(stages_, 3, 0.002);
-    ns_.resize(stages_.size());
-    for (std::size_t s = 0; s < stages_.size(); ++s) ns_[s].push_back(1e9 * bench::median(times[s]) / kDrones);
-  }
-
-  double ns(std::size_t stage) const { return bench::median(ns_[stage]); }
-  double ratio(std::size_t a, std::size_t b) const {
-    double sum_a = 0.0;
-    double sum_b = 0.0;
-    for (const double ns : ns_[a]) sum_a += ns;
-    for (const double ns : ns_[b]) sum_b += ns;
-    return sum_a / sum_b;
-  }
-  void report(bench::Figures& figures) const {
-    for (std::size_t s = 0; s < stages_.size(); ++s) figures.add("step/stage/" + stages_[s].label, ns(s), "ns", kRuns);
-  }
-
- private:
-  std::vector<bench::Variant> stages_;
-  std::vector<std::vector<double>> ns_;
-};
-
 void profile(bench::Figures& figures) {
   Batch::Worlds worlds;
   for (int i = 1; i <= 5; ++i) {
@@ -97,38 +69,43 @@ void profile(bench::Figures& figures) {
   for (const DroneIndex drone : drones) sim.task_state->actions.row<std::int64_t>(drone)[0] = drone % 6;
   float sink = 0.0F;
 
-  Profile stages;
-  stages.add("command", [&] { task.command(all, sim.task_state->actions, sim.task_state->setpoints); });
-  stages.add("sweep", [&] {
-    for (const DroneIndex drone : drones) {
-      const collision::Obstacles& obstacles = *sim.obstacles[sim.slot_of(sim.env_of(drone))];
-      sink += collision::sweep(obstacles, sim.hull, pose_of(sim.state, drone), sim.task_state->setpoints.target[drone]).fraction;
-    }
-  });
   const sensors::Surroundings surroundings{.state = sim.state,
                                            .scenes = sim.scenes,
                                            .slots = sim.slots(),
                                            .drones_per_env = 1,
                                            .tracer = sim.scratches[0]->tracer,
                                            .slices = sim.scratches[0]->slices};
-  stages.add("lidar", [&] { sim.suite.lidars()[0]->read(drones, surroundings); });
-  stages.add("pose_sensor", [&] { sim.suite.pose().read(drones, surroundings); });
-  stages.add("score", [&] { task.score(all, sim.task_state->score); });
-  stages.add("episodes", [&] {
-    for (Block& block : sim.schedule.blocks()) {
-      select_envs(sim, block);
-      finish_step(sim, block);
-    }
-  });
-  stages.add("observe", [&] { task.observe(all, sim.outputs.now().observation); });
+  const std::vector<bench::Variant> stages{
+      {"command", [&] { task.command(all, sim.task_state->actions, sim.task_state->setpoints); }},
+      {"sweep",
+       [&] {
+         for (const DroneIndex drone : drones) {
+           const collision::Obstacles& obstacles = *sim.obstacles[sim.slot_of(sim.env_of(drone))];
+           sink +=
+               collision::sweep(obstacles, sim.hull, pose_of(sim.state, drone), sim.task_state->setpoints.target[drone]).fraction;
+         }
+       }},
+      {"lidar", [&] { sim.suite.lidars()[0]->read(drones, surroundings); }},
+      {"pose_sensor", [&] { sim.suite.pose().read(drones, surroundings); }},
+      {"score", [&] { task.score(all, sim.task_state->score); }},
+      {"episodes",
+       [&] {
+         for (Block& block : sim.schedule.blocks()) {
+           select_envs(sim, block);
+           finish_step(sim, block);
+         }
+       }},
+      {"observe", [&] { task.observe(all, sim.outputs.now().observation); }},
+  };
+  std::vector<std::vector<double>> ns(stages.size());  // per drone: the median of each stage, for every state
   for (int i = 0; i < kWarmUp; ++i) batch.step(policy.next());
   for (int run = 0; run < kRuns; ++run) {
     for (int i = 0; i < kStepsBetween; ++i) batch.step(policy.next());
     restore_snapshot(sim, batch.snapshot());
-    stages.measure();
+    const bench::Times times = bench::interleave(stages, 3, 0.002);
+    for (std::size_t i = 0; i < ns.size(); ++i) ns[i].push_back(1e9 * bench::median(times[i]) / kDrones);
   }
-  stages.report(figures);
-  figures.add("sweep/ratio_to_direct_lidar", stages.ratio(1, 2), "1", kRuns);
+  for (std::size_t i = 0; i < ns.size(); ++i) figures.add("step/stage/" + stages[i].label, bench::median(ns[i]), "ns", kRuns);
   if (sink < 0.0F) std::fprintf(stderr, "%f", static_cast<double>(sink));  // keeps the result in use
 
   // A whole step, including resets.

@@ -28,7 +28,8 @@ own.
 Each result comes from one commit and one processor. Those of a checkout with local changes are rejected, and so are
 those of commits that are not in the history, which nobody could measure again; a shallow clone and a folder without git
 of its own cannot tell, so there this is not checked. A "remark" is written by hand into the JSON file of a result that
-needs an explanation, and shown with its figures; a new measurement has none.
+needs an explanation, and shown with its figures; a new measurement has none. Figures of others, such as those of a
+publication, have a "source" instead of a commit, and stand in no table.
 """
 
 from __future__ import annotations
@@ -74,8 +75,8 @@ def read(folder: Path) -> Results:
     """Return the results in a folder by name."""
     results = {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
     for result in results.values():
-        if "machine" in result:
-            result["machine"]["simd"] = result["machine"].get("simd", "").replace("AVX3", "AVX-512")  # Highway's name
+        if "simd" in result.get("machine", ()):
+            result["machine"]["simd"] = result["machine"]["simd"].replace("AVX3", "AVX-512")  # Highway's name
     return results
 
 
@@ -94,6 +95,8 @@ def trials_text(trials: Results) -> str:
 def refuse_unknown_sources(results: Results) -> None:
     """Exit if any result lacks one known commit, or one known processor."""
     for name, result in results.items():
+        if "source" in result:  # figures of others
+            continue
         cpu, commit = result.get("machine", result).get("cpu"), result.get("commit")
         if not isinstance(cpu, str) or not cpu:
             sys.exit(f"{name}: expected the name of one processor, got {cpu!r}")
@@ -248,7 +251,7 @@ def write_csv(folder: Path, results: Results) -> None:
     """Write a file with all figures of each result."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, result in results.items():
-        about = {key: result[key] for key in ("commit", "commit_date")} | result["machine"]
+        about = {key: result[key] for key in ("commit", "commit_date", "source") if key in result} | result["machine"]
         keys = dict.fromkeys([*(key for figure in result["figures"] for key in figure if key != "curve"), *about])
         with (folder / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
             rows = csv.DictWriter(file, list(keys), extrasaction="ignore", lineterminator="\n")

@@ -5,9 +5,7 @@ The last policy of each training is judged, in worlds and flights that nothing e
 
 from __future__ import annotations
 
-import dataclasses
 import statistics
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,8 +18,6 @@ from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, Verdict, best_of, judge
 from timing import Measured, in_turns, timed
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.append(str(ROOT))
-
 #: Rows of trainings by bench.
 BENCHES: dict[str, list[str]] = {}
 for row, training in TRAININGS.items():
@@ -55,50 +51,6 @@ def figures(name: str, verdict: Verdict, flights: int) -> Iterator[Measured]:
     yield f"{name}/success", verdict.success, "1", flights
     for what, value in verdict.more.items():
         yield f"{name}/{what}", value, UNITS.get(what, "m" if what.endswith("_m") else "1"), flights
-
-
-def measure_flights() -> Iterator[Measured]:
-    """Train Hover and Track with Stable-Baselines3, and the LiDAR task; fly that policy with and without rotors."""
-    for row in ("hover", "track"):
-        training = TRAININGS[row]
-        for seed in range(5):
-            before = time.perf_counter()
-            model = train(training, "sb3", seed, 1)
-            seconds = time.perf_counter() - before
-            yield from flight(
-                f"train/{row}/seed{seed}", judge(training, model, training.flights, FIRST), training.flights
-            )
-            yield f"train/{row}/seed{seed}/seconds", seconds, "s", 1
-            yield f"train/{row}/seed{seed}/steps", model.num_timesteps, "1", 1
-        controller = best_of(training, training.baselines["controller"])
-        yield from flight(
-            f"train/{row}/controller", judge(training, controller, training.flights, FIRST), training.flights
-        )
-    yield from by_rotors(ROOT / "out" / "bench" / "train")
-
-
-def flight(name: str, verdict: Verdict, flights: int) -> Iterator[Measured]:
-    yield f"{name}/close_rate", verdict.success, "1", flights
-    yield f"{name}/crash_rate", verdict.crashed, "1", flights
-    yield f"{name}/median_error_cm", 100 * verdict.more.get("median_error_m", float("nan")), "cm", flights
-
-
-def by_rotors(out: Path) -> Iterator[Measured]:
-    """Train the LiDAR task with kinematic motion; fly it with that and with rotors, its steps as velocities."""
-    from training.evaluate import MAX_STEPS, fly, greedy, summary
-    from training.tasks import Setup
-    from training.train_ppo import DEFAULTS
-    from training.train_ppo import train as train_by_sb3
-
-    policy = greedy(train_by_sb3(dataclasses.replace(DEFAULTS["lidar"], out=out / "lidar-seed0", progress=False))[0])
-    groups = {
-        "playgrounds": flockstep.scenes.load("train") + flockstep.scenes.load("validation"),
-        "unseen": Setup().generated(UNSEEN_SEEDS, 100),
-    }
-    for group, worlds in groups.items():
-        for motion in ("kinematic", "rotors"):
-            rate = float(summary(fly(policy, worlds, MAX_STEPS, motion=motion))["success_rate"])
-            yield f"train/lidar_by_{motion}/seed0/{group}_success_rate", rate, "1", len(worlds)
 
 
 DRONES, RUNS = 1024, 15

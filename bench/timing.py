@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import os
 import statistics
+import subprocess
 import time
 from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any, TypeVar
 
 K = TypeVar("K")
@@ -21,9 +25,16 @@ def figure(name: str, value: float, unit: str, runs: int, **more: Any) -> Figure
     return {"name": name, "value": float(f"{value:.4g}"), "unit": unit, "runs": runs, **more}
 
 
-def of(measure: Callable[..., Iterable[Measured]], *args: Any) -> Callable[[], list[Figure]]:
-    """Return a benchmark whose figures are those that a function measures."""
-    return lambda: [figure(*measured) for measured in measure(*args)]
+def program(name: str) -> Path:
+    """Return the path of a C++ benchmark."""
+    return Path(os.environ["FLOCKSTEP_BENCH_DIR"]) / name
+
+
+def native(name: str, *arguments: object) -> list[Figure]:
+    """Run a C++ benchmark and return the figures it prints."""
+    command = [program(name), *map(str, arguments)]
+    figures: list[Figure] = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    return figures
 
 
 def timed(

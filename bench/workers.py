@@ -8,7 +8,7 @@ are N processes forked from one that has already loaded the worlds and made such
 from __future__ import annotations
 
 import json
-import multiprocessing
+import os
 import pickle
 import statistics
 import subprocess
@@ -16,7 +16,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -85,11 +84,10 @@ class Worker:
         return batch
 
 
-def memory(pid: int) -> dict[str, float]:
-    """Return a process's memory in MB: all of it, what other processes have too, and its fair share."""
-    lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:]
-    kilobytes = {line.split(":")[0]: int(line.split()[1]) for line in lines}
-    in_mb = {name: 1024 * count / 1e6 for name, count in kilobytes.items()}
+def memory() -> dict[str, float]:
+    """Return this process's memory in MB: all of it, what other processes have too, and its fair share."""
+    lines = Path("/proc/self/smaps_rollup").read_text().splitlines()[1:]
+    in_mb = {line.split(":")[0]: 1024 * int(line.split()[1]) / 1e6 for line in lines}
     shared = in_mb["Shared_Clean"] + in_mb["Shared_Dirty"]
     return {"resident_mb": in_mb["Rss"], "shared_mb": shared, "proportional_mb": in_mb["Pss"]}
 
@@ -109,91 +107,62 @@ def source(case: str, folder: Path) -> str:
 # --- starting workers
 
 
-def work(worker: Worker, say: Callable[[str], object], wait: Callable[[], object]) -> None:
-    """Start, and wait after each part while the parent reads the memory of this process."""
-    worker.begin()
-    say(json.dumps(worker.figures))
-    wait()
-    worker.render()
-    say(json.dumps(worker.figures))
-    wait()
+def work(worker: Worker, gates: Sequence[int]) -> None:
+    """Start, and read this process's memory after each part, while all workers are at the same point."""
+    found: dict[str, float] = {}
+    waits = iter(gates)
+    for part, prefix in ((worker.begin, ""), (worker.render, "camera_")):
+        part()
+        wait(next(waits))
+        found |= {prefix + name: value for name, value in memory().items()}
+        wait(next(waits))
+    say(json.dumps(worker.figures | found))
 
 
-def read(pids: Sequence[int], lines: Callable[[], Sequence[str]], go_on: Callable[[], object]) -> list[dict[str, Any]]:
-    """Let workers start together, and return the figures of each."""
-    lines()  # all have reached the same point before their memory is read
-    lidar_only = [memory(pid) for pid in pids]
-    go_on()
-    figures = [json.loads(line) for line in lines()]
-    with_camera = [memory(pid) for pid in pids]
-    go_on()
-    return [
-        {**stages, **lidar, **{f"camera_{name}": value for name, value in camera.items()}}
-        for stages, lidar, camera in zip(figures, lidar_only, with_camera, strict=True)
-    ]
+def wait(gate: int) -> None:
+    """Wait until all workers are at a gate, the end of a pipe whose other end is closed then."""
+    say("")
+    os.read(gate, 1)
 
 
-def spawned(case: str, path: str, count: int) -> list[dict[str, Any]]:
-    """Start new processes, as `torchrun` does, and return the figures of each."""
-    program = [sys.executable, __file__, "--worker", case, path]
-    workers = [
-        subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for _ in range(count)
-    ]
+def say(line: str) -> None:
+    """Print a line at once, so that those of several processes do not mix."""
+    os.write(1, f"{line}\n".encode())
 
-    def lines() -> list[str]:
-        return [worker.stdout.readline() for worker in workers if worker.stdout]
 
-    def go_on() -> None:
-        for worker in workers:
-            assert worker.stdin
-            worker.stdin.write("\n")
-            worker.stdin.flush()
-
-    figures = read([worker.pid for worker in workers], lines, go_on)
-    for worker in workers:
-        worker.communicate()
+def started(case: str, path: str, processes: int, forks: int) -> list[dict[str, Any]]:
+    """Start processes, as `torchrun` does, and return the figures of their workers: themselves, or their forks."""
+    gates = [os.pipe() for _ in range(4)]
+    output, printed = os.pipe()
+    waits = [wait for wait, _ in gates]
+    program = [sys.executable, __file__, case, path, *map(str, (forks, *waits))]
+    running = [subprocess.Popen(program, stdout=printed, pass_fds=waits) for _ in range(processes)]
+    for end in (printed, *waits):
+        os.close(end)
+    workers = range(processes * max(forks, 1))
+    with os.fdopen(output) as lines:
+        for _, gate in gates:
+            assert all(lines.readline() for _ in workers)
+            os.close(gate)
+        figures = [json.loads(lines.readline()) for _ in workers]
+    for process in running:
+        process.wait()
     return figures
 
 
-def forked(case: str, path: str, count: int) -> list[dict[str, Any]]:
-    """Start a process that loads the worlds and forks workers, and return the figures of each worker."""
-    program = [sys.executable, __file__, "--parent", case, path, str(count)]
-    done = subprocess.run(program, check=True, stdout=subprocess.PIPE, text=True)
-    figures: list[dict[str, Any]] = json.loads(done.stdout)
-    return figures
-
-
-def fork_here(case: str, path: str, count: int) -> list[dict[str, Any]]:
+def fork(case: str, path: str, count: int, gates: Sequence[int]) -> None:
     """Load the worlds in this process, and fork workers."""
     parent = Worker(case, path)
     parent.begin()
     parent.render()
     worlds = parent._worlds
     del parent  # its environments; the worlds keep what was built from them
-    context = multiprocessing.get_context("fork")
-    pipes, workers = [], []
     for _ in range(count):
-        here, there = context.Pipe()
-        worker = context.Process(target=in_child, args=(Worker(case, path, worlds), there))
-        worker.start()
-        pipes.append(here)
-        workers.append(worker)
-
-    def lines() -> list[str]:
-        return [pipe.recv() for pipe in pipes]
-
-    def go_on() -> None:
-        for pipe in pipes:
-            pipe.send("")
-
-    figures = read([worker.pid or 0 for worker in workers], lines, go_on)
-    for worker in workers:
-        worker.join()
-    return figures
-
-
-def in_child(worker: Worker, pipe: Connection) -> None:
-    work(worker, pipe.send, pipe.recv)
+        if os.fork() == 0:
+            work(Worker(case, path, worlds), gates)
+            os._exit(0)
+    for _ in range(count):
+        os.wait()
 
 
 # --- figures
@@ -216,9 +185,10 @@ def measure() -> Iterator[Measured]:
     with tempfile.TemporaryDirectory() as folder:
         for case in CASES:
             path = source(case, Path(folder))
-            for name, start in (("spawn", spawned), ("fork", forked)):
+            for name in ("spawn", "fork"):
                 for count in COUNTS:
-                    workers = [worker for _ in range(RUNS) for worker in start(case, path, count)]
+                    processes, forks = (count, 0) if name == "spawn" else (1, count)
+                    workers = [worker for _ in range(RUNS) for worker in started(case, path, processes, forks)]
                     for figure in workers[0]:
                         unit = "MB" if figure.endswith("_mb") else "s"
                         value = statistics.median(worker[figure] for worker in workers)
@@ -227,8 +197,8 @@ def measure() -> Iterator[Measured]:
 
 
 if __name__ == "__main__":
-    match sys.argv[1:]:
-        case "--worker", case, path:
-            work(Worker(case, path), lambda line: print(line, flush=True), sys.stdin.readline)
-        case "--parent", case, path, count:
-            print(json.dumps(fork_here(case, path, int(count))))
+    case, path, forks, *waits = sys.argv[1:]
+    if int(forks):
+        fork(case, path, int(forks), [*map(int, waits)])
+    else:
+        work(Worker(case, path), [*map(int, waits)])

@@ -115,7 +115,3 @@ target_compile_definitions(flockstep_network INTERFACE BOOST_ERROR_CODE_HEADER_O
 if(missing)
   message(FATAL_ERROR "flockstep needs these, which are not there:${missing}\n")
 endif()
-
-if(FLOCKSTEP_BENCH)
-  find_package(benchmark QUIET)
-endif()

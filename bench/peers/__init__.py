@@ -8,12 +8,11 @@ import re
 import statistics
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from timing import Figure, figure
+from timing import Figure, figure, timed
 
 HOMES = Path(__file__).resolve().parents[2] / "out" / "peers"
 LIMIT_S = 1800  # for installing, and for running
@@ -29,14 +28,8 @@ def rate(
     programs. Before timing, `warm_up` or the call itself runs once.
     """
     (warm_up or call)()
-    rates = []
-    for _ in range(runs):
-        calls, before = 0, time.process_time()
-        while (elapsed := time.process_time() - before) < 0.5:
-            call()
-            calls += 1
-        rates.append(calls * count / elapsed)
-    return statistics.median(rates)
+    timer = timed(call, at_least_s=0.5)
+    return count / statistics.median(timer() for _ in range(runs))
 
 
 Told = tuple[str, float, str, int, dict[str, str]]  # name, value, unit, runs, other keys

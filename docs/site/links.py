@@ -2,7 +2,8 @@
 
 On GitHub a link such as ``[x](../examples/x.py)`` opens the file. The site has no such file: there it becomes a link to
 the address "Repository" of pyproject.toml, or the path as code while there is none. The file, and the heading after #,
-must exist. A link to the kept results becomes links to their tables, which are written for the site.
+must exist. A link to the kept results, or to one of them, becomes links to their tables, which are written for the
+site.
 """
 
 from __future__ import annotations
@@ -40,6 +41,11 @@ def anchors(path: Path) -> set[str]:
     return {"#" + re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
 
 
+def table_link(page: str, text: str, name: str) -> str:
+    """Return a link of a page to the table of a kept result."""
+    return f"[{text}]({'../' * (page.count('/') + 1)}{(CSV / name).relative_to(ROOT).as_posix()}.csv)"
+
+
 def replaced(match: re.Match[str], page: str, address: str) -> str:
     """Return what stands on the site for a link to a file."""
     text, anchor = match[1], match[3] or ""
@@ -49,8 +55,9 @@ def replaced(match: re.Match[str], page: str, address: str) -> str:
     if path.is_relative_to(ROOT / "docs"):
         return match[0]
     if path == table.KEPT:
-        files = (f"[{file.stem}](../{file.relative_to(ROOT).as_posix()})" for file in sorted(CSV.glob("*.csv")))
-        return f"{text} ({', '.join(files)})"
+        return f"{text} ({', '.join(table_link(page, file.stem, file.stem) for file in sorted(CSV.glob('*.csv')))})"
+    if path.parent == table.KEPT:
+        return table_link(page, text, path.stem)
     name = path.relative_to(ROOT).as_posix()
     if address:
         return f"[{text}]({address}/{'tree' if path.is_dir() else 'blob'}/main/{name}{anchor})"

@@ -149,7 +149,7 @@ def test_kept_results_have_a_line_for_each_figure_and_a_file_for_readers(tmp_pat
         with (tmp_path / f"{name}.csv").open(encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
         assert [(row["name"], row["value"]) for row in rows] == [(f["name"], str(f["value"])) for f in kept["figures"]]
-        assert {row["commit"] for row in rows} == {kept["commit"]}
+        assert all({row[key] for row in rows} == {kept[key]} for key in ("commit", "source") if key in kept)
         assert {row["cpu"] for row in rows} == {kept["machine"]["cpu"]}
 
 
@@ -161,7 +161,7 @@ def test_charts_are_drawn_if_their_points_change(tmp_path):
     charts.draw(results, tmp_path, is_check=False)
     charts.draw(results, tmp_path, is_check=True)
     drawn = (tmp_path / "speed-drones.svg").read_text(encoding="utf-8")
-    assert "steps of lidar" in drawn and charts.PAPER in drawn and drawn.count("var(--ink)") > 5
+    assert "steps of the LiDAR task" in drawn and charts.PAPER in drawn and drawn.count("var(--ink)") > 5
     assert "prefers-color-scheme:dark" in drawn
     results["step"]["figures"][0]["value"] = 2.0
     with pytest.raises(SystemExit, match=r"speed-drones\.svg"):
@@ -219,6 +219,6 @@ def test_a_shallow_clone_and_a_folder_without_git_know_no_commits(history, tmp_p
 )
 def test_figures_of_no_or_several_sources_are_refused(changes, got, monkeypatch):
     monkeypatch.setattr(table, "may_be_in_history", lambda commit: True)
-    table.refuse_unknown_sources({"train": result()})
+    table.refuse_unknown_sources({"train": result(), "book": {"source": "a table of a book"}})
     with refused(SystemExit, "train", got):
         table.refuse_unknown_sources({"train": result(**changes)})

@@ -466,7 +466,7 @@ def test_figures_of_a_training(monkeypatch, tmp_path):
     small = dataclasses.replace(small, evaluation_flights=1, max_episode_steps=30, width_px=16)
     monkeypatch.setattr(trained, "START_FLIGHTS", 2)
     monkeypatch.setattr(trained, "UNSEEN_WORLDS", 2)
-    figures = {figure["name"]: figure for figure in trained.task_figures(small, [3], tmp_path)}
+    figures = {made["name"]: made for made in trained.task_figures(small, [3], tmp_path)}
     values = {name: figure["value"] for name, figure in figures.items()}
     of_seed = "train/camera/seed3"
     rate = values[f"{of_seed}/steps"] / values[f"{of_seed}/seconds"]

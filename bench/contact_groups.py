@@ -1,4 +1,4 @@
-"""Steps of drones that see and touch each other, relative to drones that do not.
+"""Steps of drones that sense and collide with each other, relative to drones that do neither.
 
 One thread, in processor time. The variants that are compared alternate.
 """
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import flockstep
+from compare_rows import scene
 from timing import RUNS, Measured, in_turns, median_ratio, timed
 
 STEPS = 40
@@ -26,19 +27,15 @@ INTERACTIONS = ("none", "sense", "collide", "both")
 def hall(side_m: float) -> flockstep.World:
     """Return an empty hall."""
     half = side_m / 2
-    return flockstep.World.from_dict(
-        {
-            "flockstep_scene": 1,
-            "room": {"min": [-half, -half, 0], "max": [half, half, 4]},
-            "markers": {"start": [0, 0, 1.5], "goal": [half - 1, half - 1, 1.5]},
-        }
-    )
+    markers = {"start": [0, 0, 1.5], "goal": [half - 1, half - 1, 1.5]}
+    world: flockstep.World = scene(flockstep, room={"min": [-half, -half, 0], "max": [half, half, 4]}, markers=markers)
+    return world
 
 
 def measure() -> Iterator[Measured]:
     for name, (envs, drones, side_m) in GROUPS.items():
         for motion in ("kinematic", "rotors"):
-            yield from steps(f"meetings/{name}/{motion}", envs, drones, hall(side_m), motion)
+            yield from steps(f"contact_groups/{name}/{motion}", envs, drones, hall(side_m), motion)
 
 
 def steps(name: str, envs: int, drones: int, world: flockstep.World, motion: str) -> Iterator[Measured]:
@@ -72,18 +69,10 @@ def steps(name: str, envs: int, drones: int, world: flockstep.World, motion: str
 
 def make(world: flockstep.World, drones: int, per_env: int, motion: str, interaction: str) -> flockstep.Batch:
     """Make a batch whose drones have the default LiDAR."""
-    more: dict[str, Any] = {}
-    if motion == "rotors":
-        more["dynamics"] = flockstep.DynamicsConfig(motion="rotors", control="velocity", on_contact="bounce")
-    return flockstep.Batch(
-        [world],
-        drones,
-        drones_per_env=per_env,
-        interaction=interaction,
-        lidar=flockstep.LidarConfig(),
-        num_threads=1,
-        **more,
-    )
+    by_rotors = flockstep.DynamicsConfig(motion="rotors", control="velocity", on_contact="bounce")
+    settings: dict[str, Any] = {"drones_per_env": per_env, "interaction": interaction, "num_threads": 1}
+    settings |= {"dynamics": by_rotors} if motion == "rotors" else {}
+    return flockstep.Batch([world], drones, lidar=flockstep.LidarConfig(), **settings)
 
 
 def call_of(batch: flockstep.Batch, motion: str, places: Any, number: int) -> Callable[[], object]:
