@@ -137,44 +137,6 @@ class Server:
     def __enter__(self) -> Server: ...
     def __exit__(self, *exception: object) -> None: ...
 
-@final
-class UpdateReport:
-    """Means over the minibatches of an update."""
-
-    @property
-    def policy_gradient_loss(self) -> float:
-        """Clipped surrogate, negative."""
-    @property
-    def value_loss(self) -> float:
-        """Mean squared error of the value."""
-    @property
-    def entropy_loss(self) -> float:
-        """Negative entropy."""
-    @property
-    def clip_fraction(self) -> float:
-        """Share of the steps whose ratio was clipped."""
-    @property
-    def approx_kl(self) -> float:
-        """Approximate KL divergence, over the last epoch."""
-    @property
-    def loss(self) -> float:
-        """Loss of the last minibatch."""
-    @property
-    def explained_variance(self) -> float:
-        """Share of the variance of the returns that the values of the rollout explain."""
-    @property
-    def std(self) -> float:
-        """{learner.hpp: Mean standard deviation}; 0 for discrete actions."""
-    @property
-    def epochs(self) -> int:
-        """Number of epochs begun."""
-    @property
-    def stopped_early(self) -> bool:
-        """True if ``target_kl`` ended the update."""
-    @property
-    def is_finite(self) -> bool:
-        """False if {learner.hpp: the update stopped before}."""
-
 class Learner:
     """Networks, optimiser and rollout of `flockstep.PPO`. R is the number of rows, k the size of an observation.
 

@@ -121,18 +121,6 @@ void register_learner(py::module_& module) {
       PyErr_SetString(PyExc_FloatingPointError, error.what());
     }
   });
-  py::class_<UpdateReport>(module, "UpdateReport")
-      .def_readonly("policy_gradient_loss", &UpdateReport::policy_gradient_loss)
-      .def_readonly("value_loss", &UpdateReport::value_loss)
-      .def_readonly("entropy_loss", &UpdateReport::entropy_loss)
-      .def_readonly("clip_fraction", &UpdateReport::clip_fraction)
-      .def_readonly("approx_kl", &UpdateReport::approx_kl)
-      .def_readonly("loss", &UpdateReport::loss)
-      .def_readonly("explained_variance", &UpdateReport::explained_variance)
-      .def_readonly("std", &UpdateReport::std)
-      .def_readonly("epochs", &UpdateReport::epochs)
-      .def_readonly("stopped_early", &UpdateReport::stopped_early)
-      .def_readonly("is_finite", &UpdateReport::is_finite);
   using Array = std::span<const float> (Learner::*)() const;
   py::class_<Learner> cls(module, "Learner");
   cls.def(py::init([](NetworkConfig config, int num_threads, std::uint64_t seed) {

@@ -1,5 +1,4 @@
-// Converts values of configurations to JSON and back, based on their lists of fields; see recipe/config_json.hpp. Include it in
-// files that instantiate the templates for their configurations.
+// Converts values of configurations to JSON and back, based on their lists of fields; see recipe/config_json.hpp.
 #pragma once
 
 #include <array>

@@ -9,7 +9,6 @@
 #include <utility>
 #include <variant>
 
-#include "base/config_values.hpp"
 #include "base/require.hpp"
 #include "flockstep/version.hpp"
 #include "service/convert.hpp"
@@ -86,10 +85,11 @@ void Service::refresh_info() {
   next->drones_per_env = config.drones_per_env;
   next->bodies_per_env = static_cast<std::int64_t>(batch_.bodies().per_env());
   next->generation = ServedBatch::generation(batch_);
+  next->sensors = sensor_names(config);
   for (const LidarConfig& lidar : config.lidars) next->lidars.push_back(lidar.name);
-  for (const ImuConfig& imu : config.imus) {
+  for (const auto& imu : config.imus) {
     next->imus.push_back(imu.name);
-    next->imu_config_json.push_back(config_values::written(imu, "").dump());
+    next->imu_config_json.push_back(json_of(imu).dump());
   }
   for (std::size_t camera = 0; camera < config.cameras.size(); ++camera) {
     next->camera_configs.push_back(batch_.camera(camera).config());
@@ -104,10 +104,11 @@ void Service::refresh_info() {
     count(view);
   });
   for (const LidarConfig& lidar : config.lidars) {
-    list_arrays(batch_, lidar.name, count);
     rays = std::max(rays, static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns()));
   }
-  for (const ImuConfig& imu : config.imus) list_arrays(batch_, imu.name, count);
+  for (const std::string& sensor : next->sensors) {
+    if (std::ranges::find(next->cameras, sensor) == next->cameras.end()) list_arrays(batch_, sensor, count);
+  }
   next->max_snapshot_bytes = max_snapshot_bytes(bytes);
   constexpr std::size_t kFewBytes = std::size_t{1} << 20, kFewRays = std::size_t{1} << 12;
   is_small_ = bytes <= kFewBytes && rays <= kFewRays;
@@ -475,10 +476,8 @@ void Service::require_may_change(const Call& call, std::span<const std::uint8_t>
 void Service::require_sensor(const std::string& name) const {
   if (name.empty()) return;
   const auto now = info();
-  const bool is_known = std::ranges::find(now->lidars, name) != now->lidars.end() ||
-                        std::ranges::find(now->imus, name) != now->imus.end() ||
-                        std::ranges::find(now->cameras, name) != now->cameras.end();
-  require(is_known, "sensor", "the name of a sensor of this batch", '"' + name + '"');
+  require(std::ranges::find(now->sensors, name) != now->sensors.end(), "sensor", "the name of a sensor of this batch",
+          '"' + name + '"');
 }
 
 std::shared_ptr<const World> Service::world(std::uint32_t index) const {

@@ -46,9 +46,18 @@ def test_every_keyword_of_sb3_has_the_same_place_and_default():
         assert set(theirs) - {"kwargs"} <= set(ours), method
 
 
+def test_a_training_logs_what_sb3_logs():
+    logged = []
+    for kind in (SB3, PPO):
+        model = kind("MlpPolicy", Still(), n_steps=8, batch_size=8, device="cpu").learn(16)
+        logged.append({name for name in model.logger.name_to_value if name.startswith("train/")})
+    assert logged[0] == logged[1]
+
+
 def test_a_minibatch_larger_than_a_rollout_warns():
-    with refused(UserWarning, "batch_size", 8, 9):
+    with refused(UserWarning, "batch_size", 8, 9) as warned:
         PPO("MlpPolicy", Still(), n_steps=8, batch_size=9)
+    assert warned[0].filename == __file__
     model = PPO("MlpPolicy", Still(), n_steps=8, batch_size=8)
     model.batch_size = 9
     with refused(UserWarning, "batch_size", 8, 9):

@@ -44,6 +44,7 @@ def test_what_the_server_tells_of_itself(batch, client):
     info = client.info
     assert (info.version, info.num_envs, info.drones_per_env, info.num_drones) == (flockstep.__version__, 4, 1, 4)
     assert (info.lidars, info.cameras, info.imus) == (("scan",), ("eye",), ())
+    assert info.sensors == ("scan", "eye")
     assert (info.flies_by_rotors, info.has_task, info.client > 0) == (False, False, True)
     assert info.step_s == pytest.approx(1 / batch.clock.policy_hz)
     assert {"position", "quat_wxyz", "active"} <= set(info.array_names)
