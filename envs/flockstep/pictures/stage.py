@@ -12,7 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import BodyConfig, Camera, CameraConfig, World
-from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats, Image, Ints
+from flockstep.pictures.body import DRONE
+from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats, Image, Ints, blended
+from flockstep.pictures.drawing import line_px
 from flockstep.pictures.picture import FARTHEST_M, facing, take, without_bodies
 from flockstep.rotations import rotate
 from flockstep.task import MARKERS
@@ -33,6 +35,9 @@ _MARKER_COLORS: dict[str, Color] = {"start": (230, 52, 43), "waypoints": (237, 2
 #: Keys of primitives in scene files.
 _SHAPES = ("pillars", "cylinders", "boxes", "spheres", "capsules", "planes", "discs", "gates")
 _FADE = 0.5  # distance in front of the drone, in drone lengths, at which that opacity is reached
+_FIRST_BODY = 61440  # instance number of a picture's first body
+_DARK = 110  # maximum brightness of dark surfaces, before which drones have a rim of light
+_RIM, _RIM_OPACITY = np.array([205, 225, 255]), np.array(0.6)
 
 
 @dataclass
@@ -130,7 +135,7 @@ class Stage:
         """Return a canvas of the world seen from a position (3,) m towards another."""
         turn = facing(viewer, target).astype(float)
         world = self._with_markers(range(len(self._markers)))
-        return self._canvas(take(world, viewer, turn, self._camera(), bodies), viewer, turn)
+        return self._canvas(take(world, viewer, turn, self._camera(self._outputs), bodies), viewer, turn, bodies)
 
     def set(
         self,
@@ -157,7 +162,7 @@ class Stage:
         is_near = [-radius < ahead @ (place - viewer) < cut + radius for _, place in self._markers]
         world = self._with_markers([index for index, hides in enumerate(is_near) if not hides])
         picture = take(world, viewer, turn, self._camera(self._outputs), bodies)
-        canvas = self._canvas(picture, viewer, turn)
+        canvas = self._canvas(picture, viewer, turn, bodies)
         rgb, depth = canvas.rgb.reshape(-1, 3), canvas.depth.reshape(-1)
         at = np.flatnonzero(self._dissolving(picture, position) & (depth < cut))
         markers = [
@@ -200,9 +205,25 @@ class Stage:
             shadows=not fast,
         )
 
-    def _canvas(self, picture: Camera, viewer: Floats, turn: Floats) -> DepthCanvas:
+    def _canvas(self, picture: Camera, viewer: Floats, turn: Floats, bodies: Sequence[BodyConfig]) -> DepthCanvas:
         rgb, depth = picture.rgb[0].copy(), picture.depth[0].copy()
+        drones = [_FIRST_BODY + index for index, body in enumerate(bodies) if body.name == DRONE]
+        if drones and "instance" in self._outputs:
+            light_rims(rgb, np.isin(picture.instance[0], drones))
         return DepthCanvas(rgb, depth, self._camera(), viewer, turn, self.world.light, isqrt(self._samples))
+
+
+def light_rims(rgb: Image, is_drone: npt.NDArray[np.bool_]) -> None:
+    """Lighten drones (H, W) in a picture (H, W, 3) along their edges to dark surfaces, so that they show in shade."""
+    rows = np.flatnonzero(is_drone.any(axis=1))
+    part = slice(max(rows[0] - 1, 0), rows[-1] + 2) if len(rows) else slice(0)
+    inside = is_drone[part]
+    beside = ~inside & (rgb[part].max(axis=-1) < _DARK)
+    for _ in range(line_px(rgb.shape[1])):
+        wide = np.pad(beside, 1)
+        beside |= wide[2:, 1:-1] | wide[:-2, 1:-1] | wide[1:-1, 2:] | wide[1:-1, :-2]
+    rim = inside & beside
+    rgb[part][rim] = blended(rgb[part][rim], _RIM, _RIM_OPACITY)
 
 
 def top_of(primitive: dict[str, Any]) -> float:
