@@ -19,7 +19,7 @@ from PIL import Image
 import flockstep
 from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import DepthCanvas
-from flockstep.pictures.picture import facing, render
+from flockstep.pictures.stage import Stage
 from flockstep.relight import DARK_LIGHT
 from flockstep.rotations import rotate
 from flockstep.trainings.table import LAPS
@@ -90,18 +90,9 @@ class Scene:
         batch = flockstep.DroneVectorEnv(1, task=flockstep.RaceConfig(), worlds=TRACK).batch
         self.world = batch.worlds[0]
         self.gates = list(self.world.gates)
-        self.turn = facing(VIEWER_M, TARGET_M).astype(float)
-        width, height = size_px
-        self.camera = flockstep.CameraConfig(
-            width_px=width,
-            height_px=height,
-            hfov_deg=HFOV_DEG,
-            outputs=("rgb", "depth"),
-            samples_per_pixel=FINER**2,
-            shadows=True,
-        )
+        self.size_px = size_px
         self.body = Body(enlarged(batch.drone))
-        self.worlds: dict[int, flockstep.World] = {}  # by the index of the next gate
+        self.stages: dict[int, Stage] = {}  # by the index of the next gate
 
     def picture(self, flight: Flight, step: int) -> Image.Image:
         """Return the drone after this many steps, and its trail."""
@@ -120,11 +111,10 @@ class Scene:
     def canvas(self, flight: Flight, step: int) -> DepthCanvas:
         """Return the track with the drone to draw into, with the next gate in green."""
         following = (flight.first + int(flight.passed[step])) % len(self.gates)
-        if following not in self.worlds:
-            self.worlds[following] = self._drawn(following)
-        world, drone = self.worlds[following], self.body.at(flight.position[step], flight.quat_wxyz[step])
-        taken = render(world, VIEWER_M, self.turn, camera=self.camera, bodies=[drone])
-        return DepthCanvas(taken["rgb"], taken["depth"], self.camera, VIEWER_M, self.turn, world.light, FINER)
+        if following not in self.stages:
+            self.stages[following] = Stage(self._drawn(following), 1.0, self.size_px, FINER**2, hfov_deg=HFOV_DEG)
+        drone = self.body.at(flight.position[step], flight.quat_wxyz[step])
+        return self.stages[following].seen_from(VIEWER_M, TARGET_M, [drone])
 
     def _drawn(self, following: int) -> flockstep.World:
         builder = flockstep.WorldBuilder("film")

@@ -93,6 +93,7 @@ class ThirdPersonView:
         self._place = place
         self._markers = tuple(markers)
         self._overlay = overlay
+        self._stage: Stage | None = None  # of the last picture
         self._stages: dict[World, Stage] = {}  # by the world that `Batch.world_of` returns, in its light
 
     def frame(self, env: int) -> Image:
@@ -102,8 +103,11 @@ class ThirdPersonView:
             if len(self._stages) >= _WORLDS:
                 self._stages.clear()
             styled = self._style.applied_to(world)
-            stage = Stage(styled, self._length, self._size_px, self._samples, self._markers)
-            self._stages[world] = stage
+            self._stages[world] = Stage(styled, self._length, self._size_px, self._samples, self._markers)
+        if self._stage is not (stage := self._stages[world]):
+            if self._stage is not None:
+                self._stage.forget()
+            self._stage = stage
         position = np.asarray(self._batch.position[env], float)
         quat_wxyz = np.asarray(self._batch.quat_wxyz[env], float)
         others = self._others_of(env)
@@ -113,9 +117,9 @@ class ThirdPersonView:
         bodies += [self._body.at(*pose, pale=drone != env) for drone, pose in zip(drones, poses, strict=True)]
         faded = None
         if self._place is None:
-            canvas, faded = self._stages[world].set(position, quat_wxyz, self._anchor(env, position), bodies)
+            canvas, faded = stage.set(position, quat_wxyz, self._anchor(env, position), bodies)
         else:
-            canvas = self._stages[world].seen_from(*self._place, bodies)
+            canvas = stage.seen_from(*self._place, bodies)
         for at, turn in poses if len(self._body.edges) else ():
             starts, ends = (np.asarray(at, float) + rotate(turn, self._body.edges[:, end]) for end in (0, 1))
             canvas.lines(starts, ends, _EDGE, width_px=self._line_px)
