@@ -227,6 +227,7 @@ class Stage:
             far_m=FARTHEST_M,
             outputs=outputs,
             samples_per_pixel=1 if fast else self._samples,
+            adaptive_samples=True,
             shadows=not fast,
         )
 
