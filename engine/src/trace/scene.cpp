@@ -175,7 +175,7 @@ std::unique_ptr<const Scene::EmbreePrimitives> Scene::make_embree_primitives() c
     made->shapes.push_back(shape.shape);
     made->shapes.back().box_half = Vec3::Constant(-1.0F);
   }
-  for (const NumberedShape& shape : traced().subspan(num_rooms_)) {
+  for (const NumberedShape& shape : casters()) {
     made->shapes[static_cast<std::size_t>(shape.element)].box_half = shape.shape.box_half;
   }
   made->scene = new_scene();
@@ -280,7 +280,7 @@ void Scene::intersect_primitives(RayBlock& rays, bool embree) const {
 
 void Scene::intersect_casters(RayBlock& rays) const {
   if (!embree_primitives_) {
-    trace_direct(traced().subspan(num_rooms_), rays);
+    trace_direct(casters(), rays);
   } else {
     trace_packets_of_16(embree_primitives_->scene.get(), 0, rays);
   }

@@ -55,7 +55,7 @@ class Scene {
   // Each keeps its hits that are nearer than the block's t_hit. A ray's result has the same bits in any block and beside any
   // other rays. Call under FlushDenormals.
   void intersect_primitives(RayBlock& rays, bool embree = false) const;  // embree: use Embree if prepare_embree() was called
-  void intersect_casters(RayBlock& rays) const;                          // all primitives except the rooms
+  void intersect_casters(RayBlock& rays) const;                          // casters()
   void intersect_markers(RayBlock& rays) const;
   // Returns the number of packets traced by Embree. details: null if only distances are needed.
   std::size_t intersect_triangles(RayBlock& rays, HitDetails* details, Through through = Through::nothing) const;
@@ -76,6 +76,7 @@ class Scene {
 
   const Shape& shape(std::size_t primitive) const { return shapes_[primitive].shape; }
   std::span<const NumberedShape> markers() const { return markers_; }
+  std::span<const NumberedShape> casters() const { return traced().subspan(num_rooms_); }  // all primitives except the rooms
 
   // The broad phase of collision: calls back for each element except rooms whose bounding box is within radius (m) of center,
   // and possibly for some others. Allocates nothing; safe from many threads.

@@ -6,7 +6,7 @@ from conftest import world_of
 
 import flockstep
 from flockstep.pictures.body import Body
-from flockstep.pictures.stage import Stage
+from flockstep.pictures.stage import Stage, light_rims
 
 BOX = [[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.1, 0.1)]
 
@@ -91,6 +91,29 @@ def test_a_hull_is_closed_and_all_its_faces_are_outside():
     assert np.isfinite(inner).all()
     np.testing.assert_allclose(inner, outer, atol=1e-4)
     assert inner.max() <= np.linalg.norm(drone.hull, axis=1).max() + 1e-6
+
+
+def test_a_hull_has_the_edges_between_its_faces():
+    edges = Body(flockstep.DroneModel(BOX)).edges
+    assert len(edges) == 12  # of a box, without the diagonals of its faces
+    assert (np.count_nonzero(edges[:, 0] != edges[:, 1], axis=1) == 1).all()
+    for other in (Body(flockstep.DroneModel()), Body(flockstep.DroneModel(BOX), flockstep.DroneMesh(BOX, [[0, 1, 2]]))):
+        assert len(other.edges) == 0
+
+
+@pytest.mark.parametrize(("background", "is_lit"), [((30, 40, 20), True), ((160, 170, 150), False)])
+def test_a_drone_has_a_rim_of_light_before_dark_surfaces(background, is_lit):
+    rgb = np.full((9, 12, 3), background, np.uint8)
+    is_drone = np.zeros((9, 12), bool)
+    is_drone[2:7, 4:9] = True
+    rgb[is_drone] = (20, 30, 90)
+    before = rgb.copy()
+    light_rims(rgb, is_drone)
+    rim = is_drone.copy()
+    rim[3:6, 5:8] = False
+    np.testing.assert_array_equal((rgb > before).all(axis=-1), rim & is_lit)
+    np.testing.assert_array_equal(rgb[~rim], before[~rim])
+    light_rims(rgb, np.zeros((9, 12), bool))  # no drone is visible
 
 
 def test_a_mesh_is_drawn_in_its_colours_instead():

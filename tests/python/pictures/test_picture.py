@@ -123,6 +123,23 @@ def test_the_dark_style_is_dark_with_bright_drones(room):
     assert (edges[0] & edges[1]).sum() > 0.3 * edges[1].sum()
 
 
+@pytest.mark.parametrize("samples", [4, 16])
+@pytest.mark.parametrize(
+    ("world", "viewer", "target"),
+    [("playground/train-3", (2, 7, 3.4), (11.7, 6.3, 2)), ("indoor/warehouse", (4, 14, 3), (11, 18.9, 1.6))],
+)
+def test_adaptive_samples_look_like_all_samples(world, viewer, target, samples):
+    def taken(**fields):
+        camera = flockstep.CameraConfig(hfov_deg=75, shadows=True, **fields)
+        return flockstep.render(world, viewer, look_at=target, camera=camera)["rgb"].astype(int)
+
+    adaptive, every = (taken(samples_per_pixel=samples, adaptive_samples=few) for few in (True, False))
+    for other, mean, strong in ((adaptive, (0, 0.4), (-1, 2e-3)), (taken(), (0.3, 5), (5e-3, 1))):
+        apart = np.abs(other - every).max(axis=-1)
+        assert mean[0] < apart.mean() < mean[1]
+        assert strong[0] < (apart > 16).mean() < strong[1]
+
+
 def test_more_samples_smooth_edges_only(room):
     one, four, sixteen = (shown(room, render_samples=samples).astype(int) for samples in (1, 4, 16))
     np.testing.assert_array_equal(four, shown(room))

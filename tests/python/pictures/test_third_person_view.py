@@ -377,6 +377,21 @@ def test_a_small_hull_is_drawn_at_a_size_to_be_seen(room):
     assert mask_of(ThirdPersonView(batch).frame(0), "hull").sum() > 500
 
 
+def test_a_hull_has_lines_along_its_edges(room, monkeypatch):
+    batch = flockstep.Batch([room], drone=HULL)
+    batch.set_pose(np.float32([[5, 6, 2]]), np.float32([[0.8, 0, 0, 0.6]]))
+    view = ThirdPersonView(batch)
+    lined = view.frame(0)
+    starts = view._body.edges[:, 0]
+    monkeypatch.setattr(view._body, "edges", np.zeros((0, 2, 3)))
+    rows, columns = np.nonzero(changed(lined, view.frame(0)))
+    turned = rotate(batch.quat_wxyz[0].astype(float), starts.astype(float)) + batch.position[0]
+    ends = viewed(room, batch.position[0], batch.quat_wxyz[0]).project(turned)[:, :2]
+    apart = np.hypot(columns + 0.5 - ends[:, :1], rows + 0.5 - ends[:, 1:]).min(axis=1)
+    assert (apart < 2).mean() > 0.4  # the corners that are not hidden
+    assert len(rows) > 200
+
+
 def test_from_a_fixed_place_the_world_stays_and_all_drones_of_it_are_seen(room, closet):
     place = ((0.5, 7.5, 3.5), (5, 3, 1.5))
     batch = placed([room, closet], [[3, 6, 2], [5.5, 5, 1], [1, 1, 0.6]], world_index=[0, 0, 1])
