@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <array>
-#include <numeric>
 #include <string>
 #include <type_traits>
 #include <utility>
 
+#include "base/dtype.hpp"
 #include "base/indices.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
@@ -45,22 +45,8 @@ void compare_actions(const TaskState& task_state, std::size_t first_env, std::si
                      EpisodeState& episodes) {
   const std::size_t first = first_env * rows, count = num_envs * rows;
   std::uint8_t* const changed = episodes.action_changed.data() + first;
-  switch (task_state.actions.type()) {
-    case DType::int32:
-      compare_rows<std::int32_t>(task_state.actions, task_state.actions_before, first, count, changed);
-      break;
-    case DType::int64:
-      compare_rows<std::int64_t>(task_state.actions, task_state.actions_before, first, count, changed);
-      break;
-    case DType::float32:
-      compare_rows<float>(task_state.actions, task_state.actions_before, first, count, changed);
-      break;
-    case DType::float64:
-      compare_rows<double>(task_state.actions, task_state.actions_before, first, count, changed);
-      break;
-    default:
-      compare_rows<std::uint8_t>(task_state.actions, task_state.actions_before, first, count, changed);
-  }
+  with_type(task_state.actions.type(),
+            [&]<class T>() { compare_rows<T>(task_state.actions, task_state.actions_before, first, count, changed); });
   const std::int64_t* const steps = episodes.steps.data() + first;
   for (std::size_t row = 0; row < count; ++row) changed[row] |= steps[row] == 0 ? 1 : 0;
 }
