@@ -32,7 +32,7 @@ OrderedJson json_of(const Config& config) {
 
 template <HasFields Config>
 void read_config(const Json& json, const std::string& path, Config& config) {
-  config_values::read_value(json, {}, path, config);
+  config_values::read_value({json, {}, path, true}, {}, config);
 }
 
 std::string names_of_tasks() {
