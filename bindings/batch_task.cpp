@@ -32,6 +32,7 @@ py::ssize_t num_rows(const Batch& batch) { return spec_of(batch).row == Row::dro
 
 // Returns a view of an array whose type is known only at run time.
 py::array typed_view(const py::object& self, const std::byte* data, DType type, const Shape& shape, bool writable = false) {
+  if (type == DType::boolean) return view<bool>(self, reinterpret_cast<const bool*>(data), shape, writable);
   return with_type(type,
                    [&]<class T>(T) -> py::array { return view<T>(self, reinterpret_cast<const T*>(data), shape, writable); });
 }

@@ -70,8 +70,7 @@ struct FieldType {
 };
 template <class Value, bool kIsDescribedOnly>
 constexpr FieldType field_type() {
-  FieldType type{[] { return StubType<Value>::of(); },
-                 [](const void* field) { return shown(*static_cast<const Value*>(field)); }};
+  FieldType type{[] { return stub_type<Value>(); }, [](const void* field) { return shown(*static_cast<const Value*>(field)); }};
   if constexpr (!kIsDescribedOnly) {  // these take most of the compile time
     type.read = [](const void* field) -> py::object { return to_python(*static_cast<const Value*>(field)); };
     type.write = [](void* field, const py::object& value, const char* name) {

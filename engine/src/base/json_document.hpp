@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <initializer_list>
 #include <map>
@@ -28,6 +29,7 @@ class JsonPath {
   JsonPath operator/(std::size_t index) const { return with({{}, index}); }
 
   std::string pointer() const;  // RFC 6901
+  std::string member() const;   // "beams[0].yaw_deg"
 
  private:
   struct Step {
@@ -51,12 +53,13 @@ struct JsonField {
   const Json& value;
   JsonPath path;
   const std::string& source;
+  bool is_config = false;  // of a configuration: named "source.member[0]", and null is a value
 };
 
 // Returns the value as JSON, shortened for a message.
 std::string excerpt_of(const Json& value);
 
-// "source: /place/of/the/field"
+// "source: /place/of/the/field", or "source.member[0]" in a configuration
 std::string name_of(const JsonField& field);
 
 [[noreturn]] void fail(const JsonField& field, const std::string& what);
@@ -82,6 +85,10 @@ void check_version(const JsonField& root, std::string_view key, int version);
 // Reject values that are not objects or have unknown fields, and values that are not arrays.
 void check_object(const JsonField& field, std::initializer_list<std::string_view> known);
 const Json& require_array(const JsonField& field, const char* expected);
+
+// Returns the value, which must be a string, or a whole number in this range, also written as 7.0.
+const std::string& text(const JsonField& field);
+std::uint64_t integer(const JsonField& field, std::uint64_t least, std::uint64_t most);
 
 // Returns the double with the fewest digits that rounds to the same float32 as the value. Returns a value that is not a float32
 // unchanged, such as a sum or difference that needs more digits.

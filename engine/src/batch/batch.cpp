@@ -1,7 +1,6 @@
 #include "flockstep/batch.hpp"
 
 #include <algorithm>
-#include <array>
 #include <utility>
 
 #include "base/interrupt.hpp"
@@ -25,13 +24,7 @@ namespace {
 // The pose given by a row. A missing position or quaternion keeps its current value; quaternions are normalised.
 Pose requested_pose(const Simulation& sim, DroneIndex drone, std::size_t row, std::span<const float> position,
                     std::span<const float> quat_wxyz) {
-  Pose pose = pose_of(sim.state, drone);
-  if (!position.empty()) pose.position = Vec3(position[3 * row], position[3 * row + 1], position[3 * row + 2]);
-  if (!quat_wxyz.empty()) {
-    const float* const q = quat_wxyz.data() + 4 * row;
-    pose.rotation = Quat(q[0], q[1], q[2], q[3]).normalized();
-  }
-  return pose;
+  return given_pose(pose_of(sim.state, drone), row, position, quat_wxyz);
 }
 
 // The pose at which a drone is placed. Without a quaternion, a drone with rotors is level and faces +x: a new episode must not

@@ -1,7 +1,6 @@
 #include "batch/growth.hpp"
 
 #include <algorithm>
-#include <cstring>
 #include <optional>
 #include <stdexcept>
 #include <string>

@@ -6,6 +6,7 @@
 #include <numeric>
 #include <span>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "base/finite.hpp"
@@ -220,17 +221,13 @@ class Learner::Parts::StepPilot : public Pilot {
   void write_action(std::size_t row, Buffer& actions) const {
     const std::size_t size = parts_.action_size();
     const float* const drawn = parts_.rollout.actions.data() + (t_ * parts_.rollout.rows + row) * size;
-    switch (actions.type()) {
-      case DType::float32:
-        return limit(drawn, actions.row<float>(row));
-      case DType::float64:
-        return limit(drawn, actions.row<double>(row));
-      case DType::int32:
-        actions.row<std::int32_t>(row)[0] = static_cast<std::int32_t>(low_[0] + static_cast<double>(*drawn));
-        return;
-      default:
-        actions.row<std::int64_t>(row)[0] = static_cast<std::int64_t>(low_[0] + static_cast<double>(*drawn));
-    }
+    with_type(actions.type(), [&]<class T>(T) {
+      if constexpr (std::is_floating_point_v<T>) {
+        limit(drawn, actions.row<T>(row));
+      } else {
+        actions.row<T>(row)[0] = static_cast<T>(low_[0] + static_cast<double>(*drawn));
+      }
+    });
   }
 
   // Writes an action, limited to the bounds. NaN becomes the lower bound; fly() refuses it after the step.

@@ -26,7 +26,7 @@ nlohmann::ordered_json json_of(const Config& config) {
 // the configuration itself.
 template <HasFields Config>
 void read_config(const nlohmann::json& json, const std::string& path, Config& config) {
-  config_values::read_value(json, {}, path, config);
+  config_values::read_value({json, {}, path, true}, {}, config);
 }
 
 // A task is null, or an object with the fields of its configuration and a "name": the task's name or the id of a registered

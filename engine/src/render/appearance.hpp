@@ -54,8 +54,6 @@ struct Appearance {
   std::vector<Surface> materials;     // one per material, for triangles; instance is 0
   std::uint16_t first_object = 0;     // instance id of the triangles of mesh 0
   std::vector<MarkerSphere> markers;  // start, waypoints, goal
-  float marker_radius = 0.25F;        // m
-  Light light;
 };
 
 // Returns the room of a world if something lies outside it that its shadow can reach. A room hides the sun only from points

@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "base/check_fields.hpp"
-#include "base/hash.hpp"
 #include "base/require.hpp"
 #include "dynamics/setpoint.hpp"
 #include "tasks/flight_task.hpp"
@@ -103,10 +102,9 @@ class Trajectory {
   std::array<double, kPhases> hz_{};
 };
 
-class Track final : public FlightTask {
+class Track final : public ConfiguredFlightTask<TrackConfig> {
  public:
-  explicit Track(const TrackConfig& config) : FlightTask(reward_terms_of<TrackConfig>()), config_(config), path_(config) {
-    config.validate();
+  explicit Track(const TrackConfig& config) : ConfiguredFlightTask(config), path_(config) {
     ahead_ = path_.waves_at(static_cast<double>(config.ahead_s), std::array<float, kPhases>{}.data());
     spec_.observation = {flight_field(3 * static_cast<std::size_t>(config.points) + kOwnFlight + 2)};
   }
@@ -117,12 +115,6 @@ class Track final : public FlightTask {
             .drone = "crazyflie",
             .dynamics = {.motion = Motion::rotors, .control = Control::body_rates},
             .clock = {.policy_hz = 100.0F}};
-  }
-
-  std::string identity() const override {
-    Hash hash;
-    hash.add(config_);
-    return "track " + std::to_string(hash.value());
   }
 
   void setup(const TaskContext& context) override {
@@ -247,7 +239,6 @@ class Track final : public FlightTask {
     return std::remainder(yaw_at(waves) - dynamics::yaw_of(rotation), static_cast<float>(kTurn));
   }
 
-  TrackConfig config_;
   Trajectory path_;
   Trajectory::Waves ahead_{};    // rotation of the waves in ahead_s
   std::vector<float> phase_;     // (N, 9) turns

@@ -84,6 +84,23 @@ OriginHint hint_in_room(const Shape& room, const std::array<float, 3>& o, float 
   return within ? OriginHint::in_room : OriginHint::anywhere;
 }
 
+// Calls f(primitive, query) for the triangles within the query's radius, which f may reduce. It returns true if it has.
+template <class F>
+void query_triangles(RTCScene meshes, const Vec3& center, float radius, F f) {
+  if (meshes == nullptr) return;
+  RTCPointQuery query;
+  query.x = center.x();
+  query.y = center.y();
+  query.z = center.z();
+  query.time = 0.0F;
+  query.radius = radius;
+  RTCPointQueryContext instances;
+  rtcInitPointQueryContext(&instances);
+  rtcPointQuery(
+      meshes, &query, &instances,
+      [](RTCPointQueryFunctionArguments* args) { return (*static_cast<F*>(args->userPtr))(args->primID, *args->query); }, &f);
+}
+
 }  // namespace
 
 // shapes is indexed by element. It is declared before the scene, which reads it until its end.
@@ -339,30 +356,13 @@ void Scene::gather(const Vec3& origin, float near_m, float range_m, bool markers
 
 void Scene::for_each_near(const Vec3& center, float radius, NearCallback callback, void* context) const {
   tree_.for_each_near(center, radius, [&](std::uint32_t element) { radius = std::min(radius, callback(context, element)); });
-  if (!meshes_) return;
-  struct Visit {
-    NearCallback callback;
-    void* context;
-    std::uint32_t first_triangle;
-  } visit{callback, context, static_cast<std::uint32_t>(shapes_.size())};
-  RTCPointQuery query;
-  query.x = center.x();
-  query.y = center.y();
-  query.z = center.z();
-  query.time = 0.0F;
-  query.radius = radius;
-  RTCPointQueryContext instances;
-  rtcInitPointQueryContext(&instances);
-  rtcPointQuery(
-      meshes_.get(), &query, &instances,
-      [](RTCPointQueryFunctionArguments* args) {
-        const auto& seen = *static_cast<Visit*>(args->userPtr);
-        const float left = seen.callback(seen.context, seen.first_triangle + args->primID);
-        if (!(left < args->query->radius)) return false;
-        args->query->radius = left;
-        return true;
-      },
-      &visit);
+  const auto first_triangle = static_cast<std::uint32_t>(shapes_.size());
+  query_triangles(meshes_.get(), center, radius, [=](std::uint32_t triangle, RTCPointQuery& query) {
+    const float left = callback(context, first_triangle + triangle);
+    if (!(left < query.radius)) return false;
+    query.radius = left;
+    return true;
+  });
 }
 
 }  // namespace flockstep::trace

@@ -46,6 +46,14 @@ static_assert(static_cast<int>(CaptureMode::every_step) == static_cast<int>(prot
               static_cast<int>(CaptureMode::on_movement) == static_cast<int>(protocol::CaptureModeName::kOnMovement) &&
               static_cast<int>(CaptureMode::on_demand) == static_cast<int>(protocol::CaptureModeName::kOnDemand));
 
+// The quaternion of a request that has one, or angles.
+template <class Rotation>
+protocol::Quaternion given_rotation(const Rotation& rotation) {
+  require(rotation.index() != 0, "rotation", "a quaternion or angles", "none");
+  const auto* const angles = std::get_if<protocol::Angles>(&rotation);
+  return angles ? quaternion_of(*angles) : std::get<protocol::Quaternion>(rotation);
+}
+
 }  // namespace
 
 // --------------------------------------------------------------------------------------------------------------- simulation
@@ -165,27 +173,25 @@ void Service::locked(Call& call, const protocol::SetLocation& set) {
 }
 
 void Service::locked(Call& call, const protocol::SetRotation& set) {
-  require(set.rotation.index() != 0, "rotation", "a quaternion or angles", "none");
-  const auto* const angles = std::get_if<protocol::Angles>(&set.rotation);
-  move(call, set.drone, {}, angles ? quaternion_of(*angles) : std::get<protocol::Quaternion>(set.rotation), set.teleport);
+  move(call, set.drone, {}, given_rotation(set.rotation), set.teleport);
 }
 
 void Service::locked(Call& call, const protocol::SetLocationAndRotation& set) {
   require(set.location.has_value(), "location", "a value", "none");
-  require(set.rotation.index() != 0, "rotation", "a quaternion or angles", "none");
-  const auto* const angles = std::get_if<protocol::Angles>(&set.rotation);
-  move(call, set.drone, set.location, angles ? quaternion_of(*angles) : std::get<protocol::Quaternion>(set.rotation),
-       set.teleport);
+  move(call, set.drone, set.location, given_rotation(set.rotation), set.teleport);
+}
+
+void Service::require_may_move(bool teleport) const {
+  if (teleport || batch_.config().dynamics.is_kinematic()) return;
+  throw Refusal(Code::kFailedPrecondition,
+                "these drones fly by their rotors: Fly and SetCommand move them, and with teleport=true they are placed");
 }
 
 void Service::move(Call& call, std::int64_t index, const std::optional<protocol::Vector3>& location,
                    const std::optional<protocol::Quaternion>& rotation, bool teleport) {
   const std::size_t drone = require_drone(index);
   require_may_change(call, index);
-  if (!teleport && !batch_.config().dynamics.is_kinematic()) {
-    throw Refusal(Code::kFailedPrecondition,
-                  "these drones fly by their rotors: Fly and SetCommand move them, and with teleport=true they are placed");
-  }
+  require_may_move(teleport);
   std::span<const float> positions, rotations;
   if (location) {
     std::ranges::copy(array_of(*location), positions_.begin() + static_cast<std::ptrdiff_t>(3 * drone));

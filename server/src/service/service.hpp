@@ -118,8 +118,12 @@ class Service {
   void require_may_change(const Call& call, std::span<const std::uint8_t> mask) const;  // empty: all drones
   // mask: of envs or bodies. Its envs change for all their drones. Empty: all envs.
   void require_may_change_envs(const Call& call, std::span<const std::uint8_t> mask) const;
+  void require_may_move(bool teleport) const;                   // to a pose, without rotors
   void require_bodies() const;                                  // that the batch has slots for them
   std::vector<std::uint8_t> body_mask(const Call& call) const;  // that of the request, of all slots; empty: all bodies
+  std::vector<float> body_rows(const Call& call, const char* name,
+                               std::int64_t columns) const;  // of the request, (E, B, columns)
+  void change_bodies(Call& call, const std::function<void(std::span<const std::uint8_t> mask)>& change);
   // Returns the drones that a setting of a sensor changes: one, or all if the index is -1 or the setting is a common one.
   DroneMask require_drones(const Call& call, std::int64_t index, bool concerns_all);
   void require_sensor(const std::string& name) const;

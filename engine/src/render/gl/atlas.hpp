@@ -37,9 +37,9 @@ class GlAtlas {
  private:
   AtlasSize size_;
   Attachments attachments_;
-  std::array<GlTexture, 3> textures_;  // indexed by attachment number
-  GlTexture depth_;
-  GlFramebuffer framebuffer_;
+  std::array<GlObject, 3> textures_;  // indexed by attachment number
+  GlObject depth_;
+  GlObject framebuffer_;
 };
 
 // Data read back from one atlas, row by row and tile by tile. A pointer is null if the atlas lacks that attachment.
@@ -67,7 +67,7 @@ class GlReadback {
 
   bool is_software_;
   std::vector<std::byte> memory_;  // used on a software device
-  GlBuffer buffer_;                // used on a hardware device, mapped at mapped_
+  GlObject buffer_;                // used on a hardware device, mapped at mapped_
   std::byte* mapped_ = nullptr;
   std::size_t capacity_ = 0;  // bytes
   GLsync fence_ = nullptr;

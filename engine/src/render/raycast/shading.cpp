@@ -975,7 +975,7 @@ ShadedSolid Shading::make_solid(const trace::Shape& shape, const Surface& surfac
 
 void Shading::make_ramp(const Surface& surface, Ramp& ramp) const { HWY_DYNAMIC_DISPATCH(fill_ramp)(tables_, surface, ramp); }
 
-Shading::Images::Images(const World& world) : textures(world, Border::yes) {
+Shading::Images::Images(const World& world) : textures(world) {
   std::array<std::uint32_t, 256> roots;
   for (std::size_t i = 0; i < roots.size(); ++i) {
     roots[i] = static_cast<std::uint32_t>(std::lround(std::sqrt(srgb_to_linear()[i]) * static_cast<float>(kRoots)));
