@@ -94,6 +94,7 @@ struct EmbreeCounts {
 
 // All methods check their input before they change anything. They throw std::invalid_argument naming the field, the expected
 // value and the actual one. An empty mask selects every active drone or env; an env is active if one of its drones is.
+// Lists of indices are int64, as in NumPy: an EnvIndex or DroneIndex is made of a number that has been checked.
 // One thread at a time: a call while another thread is in one throws std::runtime_error, or waits if the batch is served: see
 // ServedBatch. A batch does not survive fork(): using a parent's batch in the child throws std::runtime_error.
 class FLOCKSTEP_API Batch {
@@ -148,14 +149,10 @@ class FLOCKSTEP_API Batch {
   void sense(DroneMask mask = {});  // reads the sensors now; cameras as their capture mode requires
 
   // --- slots
-  // Activates slots and senses there, with the sensor settings of the configuration; returns their indices. As with set_pose(),
-  // positions are not tested for collisions: is_free() does. One row per index; an empty span leaves the value unchanged.
-  // Indices beyond N enlarge the batch: with M = 1 each is a new env, and slots in between are inactive; if E = 1 and M is not
-  // 1, M grows. Instead of indices, `env` names the env of each row, which takes the lowest inactive slot there, or one of M
-  // new ones in each env: with E > 1 drones then have other indices, d = e M + m. Without both, rows take the lowest inactive
-  // slots, then new ones. With a task, the drones of an env begin their episodes together: a spawn of some must be one of all
-  // that are active or rest. With Episodes::each the spawned drones begin their next episodes, while their envs go on. If it
-  // throws, nothing has changed, unless reading the sensors was interrupted.
+  // Activates a slot for each row, where a new drone is placed as by set_pose() and senses; returns the slots. They are
+  // `indices`, or else the lowest inactive ones of the envs in `env`, or else of the batch. Missing slots are added to a batch
+  // without a task: an env for each if M = 1 and `env` is empty, or else slots to all envs, in which drones then have other
+  // indices, d = e M + m.
   std::vector<std::int64_t> spawn(std::span<const std::int64_t> indices, std::span<const float> position,
                                   std::span<const float> quat_wxyz, std::span<const std::int32_t> world_index,
                                   std::span<const std::int64_t> env = {});

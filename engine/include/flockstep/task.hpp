@@ -188,8 +188,7 @@ class Task {
   // or at the centre of its bounds if it has none.
   virtual void place(const TaskBlock& block) {
     for (const DroneIndex drone : block.drones) {
-      const World& world = block.context.world_of(block.context.env_of(drone));
-      const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2.0F);
+      const Vec3 start = block.context.world_of(block.context.env_of(drone)).drone_start();
       block.context.place(drone, {start, Quat::Identity()});
     }
   }

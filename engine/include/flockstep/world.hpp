@@ -204,6 +204,8 @@ class FLOCKSTEP_API World {
   const Markers& markers() const { return description_.markers; }  // places for tasks
   const Light& light() const { return description_.light; }        // sun and sky
   const Aabb& bounds() const { return bounds_; }                   // m, of all geometry; without bodies
+  // Where drones begin: at the start marker, or at the centre of the bounds if there is none.
+  Vec3 drone_start() const { return markers().start.value_or((bounds_.min + bounds_.max) / 2.0F); }
 
   // The world whose geometry this one shares; null if it has its own.
   const World* original() const { return original_.get(); }

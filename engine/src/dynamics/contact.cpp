@@ -388,7 +388,7 @@ void ContactResolver::hit_drone(const Event& event) {
   ContactPoints& touching = points_of(both[0], both[1], -1, contact.fraction);
   touching.add(touches(1), hull_, poses[0], contact);
   touching.add_vertices(touches(0), hull_, poses[1], contact, -1.0F);
-  const Surface surface = surface_of(*config_);
+  const ContactMaterial surface = surface_of(*config_);
   for (std::size_t i = 0; i < 2; ++i) {
     if (!drone(both[i]).is_fixed) continue;
     const std::size_t free = 1 - i;

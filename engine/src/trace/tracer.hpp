@@ -100,9 +100,10 @@ class Tracer {
   RayBlock& block() { return block_; }
   // Finds the nearest hits of the block. bodies: see append_shapes().
   void trace_block(const Scene& scene, std::span<const NumberedShape> bodies = {});
-  // Tests if anything except rooms and markers lies on the rays of the block, through masks. If so, t_hit is finite. meshes: see
-  // append_meshes().
-  void trace_shadows(const Scene& scene, std::span<const NumberedShape> bodies = {}, std::span<const PosedMesh> meshes = {});
+  // Tests if these shapes, these meshes, the scene's triangles, through masks, or its casters() lie on the rays of the block. If
+  // so, t_hit is finite. casters: test the scene's casters(), too. meshes: see append_meshes().
+  void trace_shadows(const Scene& scene, bool casters = true, std::span<const NumberedShape> shapes = {},
+                     std::span<const PosedMesh> meshes = {});
 
   // Details of the last trace() or trace_block(), for hits on triangles.
   const HitDetails& details() const { return details_; }

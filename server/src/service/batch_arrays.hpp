@@ -23,6 +23,9 @@ namespace flockstep::server {
 // std::invalid_argument if there is no such sensor.
 void list_arrays(const Batch& batch, std::string_view sensor, const std::function<void(const ArrayView&)>& list);
 
+// Returns the names of all sensors.
+std::vector<std::string> sensor_names(const BatchConfig& config);
+
 protocol::DType dtype_of(const ArrayView& array);
 // Adds an array to a message, or one row of it under another name. A row of an array of bodies is an env with all its slots.
 void add_array(protocol::FrameWriter& writer, const ArrayView& array);

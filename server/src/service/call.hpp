@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/require.hpp"
 #include "protocol/frame.hpp"
 #include "protocol/messages.hpp"
 
@@ -56,6 +57,13 @@ struct Call {
   std::optional<std::vector<T>> array(std::string_view name, const std::vector<std::int64_t>& shape) const {
     const auto found = find(name, protocol::dtype_of<T>(), shape);
     return found ? std::optional(found->template values<T>()) : std::nullopt;
+  }
+  // Like array(), for one that must be there.
+  template <class T>
+  std::vector<T> given(const char* name, const std::vector<std::int64_t>& shape) const {
+    std::optional<std::vector<T>> found = array<T>(name, shape);
+    require(found.has_value(), name, "an array of this name", "none");
+    return std::move(*found);
   }
   // Like array(), for any number of bytes. Takes them out of the message without another copy in memory: arrays can be read no
   // more.

@@ -121,7 +121,7 @@ std::optional<Picture> Service::copy_frame(Call& call, const ArraySource& arrays
 
 bool Service::take_published_frame(Call& call, std::optional<Picture>& picture) {
   const auto& get = std::get<protocol::GetCameraData>(call.request.operation);
-  const auto now = shape();
+  const auto now = info();
   const auto known = get.camera.empty() && now->camera_configs.size() == 1
                          ? now->camera_configs.begin()
                          : std::ranges::find(now->camera_configs, get.camera, &CameraConfig::name);

@@ -5,7 +5,6 @@
 #include <exception>
 #include <filesystem>
 #include <mutex>
-#include <set>
 #include <stdexcept>
 #include <string>
 #include <system_error>

@@ -86,7 +86,7 @@ class Service {
   };
 
   // A copy of some properties of the batch, which needs no lock: what clients are told, and more.
-  struct Shape : protocol::Welcome {
+  struct BatchInfo : protocol::Welcome {
     std::vector<CameraConfig> camera_configs;  // with their current capture modes
     Batch::Worlds worlds;
     std::size_t max_snapshot_bytes = 0;  // of a snapshot to restore; see also largest_snapshot_
@@ -118,8 +118,12 @@ class Service {
   void require_may_change(const Call& call, std::span<const std::uint8_t> mask) const;  // empty: all drones
   // mask: of envs or bodies. Its envs change for all their drones. Empty: all envs.
   void require_may_change_envs(const Call& call, std::span<const std::uint8_t> mask) const;
+  void require_may_move(bool teleport) const;                   // to a pose, without rotors
   void require_bodies() const;                                  // that the batch has slots for them
   std::vector<std::uint8_t> body_mask(const Call& call) const;  // that of the request, of all slots; empty: all bodies
+  std::vector<float> body_rows(const Call& call, const char* name,
+                               std::int64_t columns) const;  // of the request, (E, B, columns)
+  void change_bodies(Call& call, const std::function<void(std::span<const std::uint8_t> mask)>& change);
   // Returns the drones that a setting of a sensor changes: one, or all if the index is -1 or the setting is a common one.
   DroneMask require_drones(const Call& call, std::int64_t index, bool concerns_all);
   void require_sensor(const std::string& name) const;
@@ -131,7 +135,7 @@ class Service {
             const std::optional<protocol::Quaternion>& rotation, bool teleport);
   // Returns a place for a new drone of an env: the given one if it is free, otherwise the start of the world or, if that is
   // taken, a place near it. env: the number of envs for a new one.
-  std::array<float, 3> spawn_place(std::int64_t env, const std::optional<std::array<float, 3>>& location,
+  std::array<float, 3> spawn_place(EnvIndex env, const std::optional<std::array<float, 3>>& location,
                                    const std::array<float, 4>& rotation) const;
   std::span<const std::uint8_t> only(std::size_t drone);  // a mask
   void fit_rows();                                        // resizes the arrays of rows after the batch has grown
@@ -145,12 +149,12 @@ class Service {
   void step_if_all_wait();
   void count_program_steps();
 
-  void refresh_shape();                                           // these four need the lock
+  void refresh_info();                                            // these four need the lock
   void follow_program();                                          // whose calls may have changed it
   std::size_t max_snapshot_bytes(std::size_t array_bytes) const;  // array_bytes: of the batch, without observations
   void renumber(std::int64_t drones_per_env);                     // claims and commands, if that changes the indices of drones
   void follow_program_if_free();                                  // needs no lock
-  std::shared_ptr<const Shape> shape() const;
+  std::shared_ptr<const BatchInfo> info() const;
 
   Batch& batch_;
   std::optional<ServedBatch> served_;  // until unshare()
@@ -170,7 +174,7 @@ class Service {
   std::int64_t last_tick_ = 0;  // of the first env
 
   mutable std::mutex shape_mutex_;
-  std::shared_ptr<const Shape> shape_;  // replaced, never changed
+  std::shared_ptr<const BatchInfo> info_;  // replaced, never changed
 
   mutable std::mutex owners_mutex_;
   std::map<std::int64_t, std::uint32_t> owners_;  // client by drone

@@ -38,13 +38,13 @@ class GlStore {
  private:
   void grow(std::size_t needed) {
     capacity_ = std::max(needed, size_ + size_ / 2);
-    GlBuffer larger = GlBuffer::make();
+    GlObject larger = make_buffer();
     glNamedBufferStorage(larger.name(), static_cast<GLsizeiptr>(capacity_ * sizeof(T)), nullptr, GL_DYNAMIC_STORAGE_BIT);
     if (size_ != 0) glCopyNamedBufferSubData(buffer_.name(), larger.name(), 0, 0, static_cast<GLsizeiptr>(size_ * sizeof(T)));
     buffer_ = std::move(larger);
   }
 
-  GlBuffer buffer_;
+  GlObject buffer_;
   std::size_t size_ = 0;
   std::size_t capacity_ = 0;
 };
@@ -127,15 +127,15 @@ class GlPainter {
   GlStore<GlTriangle> triangles_;  // parallel to corners_
   GlStore<std::uint32_t> texels_;
   GlStore<std::array<std::uint32_t, 4>> textures_;
-  GlVertexArray array_, no_array_;
+  GlObject array_, no_array_;
   // Rewritten by each paint(). Fragment shaders read them, and Mesa's software device may run those of one paint() when the next
   // one has already begun, so two take turns.
   struct Frame {
-    GlBuffer views = GlBuffer::make(), colors = GlBuffer::make();
+    GlObject views = make_buffer(), colors = make_buffer();
   };
   std::array<Frame, 2> frames_;
   std::size_t painted_last_ = 0;
-  GlBuffer commands_buffer_;
+  GlObject commands_buffer_;
 
   std::vector<GlView> views_;                         // one per camera, for the sky, then one per item and camera
   std::array<std::vector<DrawCommand>, 2> commands_;  // of items seen from everywhere, and only from the front

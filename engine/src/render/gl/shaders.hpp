@@ -63,7 +63,7 @@ class GlShaders {
   GLuint get(Role role, const ShaderTraits& traits);           // throws GlUnavailable if the driver rejects the source
 
  private:
-  std::unordered_map<std::uint32_t, GlProgram> programs_;
+  std::unordered_map<std::uint32_t, GlObject> programs_;
 };
 
 }  // namespace flockstep::render
