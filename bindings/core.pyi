@@ -278,7 +278,7 @@ class Learner:
 class DynamicsConfig:
     """{dynamics.hpp: The motion model}.
 
-    With ``motion="rotors"`` a drone is a rigid body with four rotors (docs/dynamics.md has the equations). A command is
+    With ``motion="rotors"`` a drone is a rigid body with four rotors (docs/concepts/flight-model.md has the equations). A command is
     four numbers, whose meaning depends on ``control``:
 
     - ``"rotor_speeds"``: rad/s of each rotor, in the order of the airframe.
@@ -1077,7 +1077,7 @@ class DroneModel:
 
     @staticmethod
     def from_dict(data: dict[str, Any]) -> DroneModel:
-        """Make a drone from the content of its JSON file; docs/add-a-drone.md describes the format.
+        """Make a drone from the content of its JSON file; docs/reference/drone-files.md describes the format.
 
         Numbers that are probably in another unit raise a ``UserWarning``: moments of inertia beyond the mass times the
         hull's squared radius, a thrust-to-weight beyond 20, propeller tips faster than sound.

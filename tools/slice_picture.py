@@ -175,7 +175,7 @@ def draw_plan(axes: Axes, scan: Slice) -> None:
     origin, ends, hit = beams_of(scan.batch, 0)
     low, high = np.array(SHOWN_M)
     size_px = (round((high - low)[0] * PX_PER_M), round((high - low)[1] * PX_PER_M))
-    below = Relief(scan.batch.world_of(0), low, high, size_px).picture(origin[2]).astype(float)
+    below = Relief(scan.batch.world_of(0), "top", low, high, size_px).picture(origin[2]).astype(float)
     axes.imshow((255 - 0.6 * (255 - below)).astype(np.uint8), extent=(low[0], high[0], low[1], high[1]))
     for boxes, color, width, style in (
         (scan.walk.skipped, SKIPPED, 0.8, DASHES),

@@ -83,7 +83,7 @@ constexpr std::size_t size_of(DType type) {
 struct Field {
   std::string name;                 // key in a dict of several fields; empty for a single one
   DType type = DType::float32;      // type of the values
-  std::vector<std::int64_t> shape;  // of one row; empty: a scalar
+  std::vector<std::int64_t> shape;  // shape per row; empty: a scalar
   // Minimum and maximum: one for the whole row, or one for each of its values.
   std::vector<double> low{-1.0};
   std::vector<double> high{1.0};    // see low

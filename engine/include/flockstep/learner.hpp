@@ -213,8 +213,8 @@ class FLOCKSTEP_API Learner {
   const std::vector<ParameterInfo>& parameter_infos() const;  // in the order of the parameters
   std::vector<float> parameters() const;                      // weights, biases and logarithms of standard deviations
   void set_parameters(std::span<const float> values);         // finite numbers in the order of parameters()
-  std::vector<float> first_moments() const;                   // of Adam, in the order of the parameters
-  std::vector<float> second_moments() const;                  // of Adam
+  std::vector<float> first_moments() const;                   // Adam's, in the order of the parameters
+  std::vector<float> second_moments() const;                  // Adam's
   std::int64_t adam_steps() const;                            // number of minibatches that Adam has taken
   // Sets the moments of Adam and its number of steps.
   void set_adam(std::span<const float> adam_m, std::span<const float> adam_v, std::int64_t steps);

@@ -33,7 +33,7 @@ class FLOCKSTEP_API ServedBatch {
       const Batch& batch);  // keeps the current arrays alive; after a growth they change no more
   // What spawn() would do for one more drone.
   struct NextSlot {
-    EnvIndex env;    // of its slot; E or more: a new env
+    EnvIndex env;    // the slot's env; E or more: a new env
     bool renumbers;  // other drones would have other indices
   };
   // Returns the next slot of the batch, or of an env if one is given. Throws std::invalid_argument as spawn() does.

@@ -84,7 +84,7 @@ class TaskContext {
   // have.
   virtual const std::vector<LidarConfig>& lidars() const = 0;
   virtual const std::vector<CameraConfig>& cameras() const = 0;                  // by index
-  virtual const PoseReadings& pose_readings() const = 0;                         // of the pose sensor
+  virtual const PoseReadings& pose_readings() const = 0;                         // the pose sensor's
   virtual const LidarReadings& lidar_readings(std::size_t lidar = 0) const = 0;  // by index
   virtual const CameraImages& images(std::size_t camera) const = 0;              // by index
   // Readings of the other sensors by their type, such as ImuReadings, and their index in the batch's list.

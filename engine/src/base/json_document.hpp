@@ -53,7 +53,7 @@ struct JsonField {
   const Json& value;
   JsonPath path;
   const std::string& source;
-  bool is_config = false;  // of a configuration: named "source.member[0]", and null is a value
+  bool is_config = false;  // the field of a configuration: named "source.member[0]", and null is a value
 };
 
 // Returns the value as JSON, shortened for a message.

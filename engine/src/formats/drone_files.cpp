@@ -1,4 +1,4 @@
-// Reads and writes drone files: DroneModels as the JSON that docs/add-a-drone.md describes.
+// Reads and writes drone files: DroneModels as the JSON that docs/reference/drone-files.md describes.
 #include <array>
 #include <cstddef>
 #include <stdexcept>

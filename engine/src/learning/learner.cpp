@@ -22,7 +22,7 @@ using namespace learning;
 
 namespace {
 
-constexpr std::int64_t kMaxParameters = 1 << 24;  // of actor and critic together
+constexpr std::int64_t kMaxParameters = 1 << 24;  // actor and critic together
 
 std::int64_t count_parameters(std::int64_t in, const std::vector<int>& hidden, std::int64_t out) {
   std::int64_t count = 0;

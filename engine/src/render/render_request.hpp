@@ -42,7 +42,7 @@ struct RenderRequest {
   Vec3 position;                 // m, world frame
   Mat3 rotation;                 // camera to world
   RenderTargets frame;
-  std::uint8_t* centres = nullptr;  // of adaptive cameras: planes of r, g, b at the pixels' centres, padded to whole tiles
+  std::uint8_t* centres = nullptr;  // adaptive cameras: planes of r, g, b at the pixels' centres, padded to whole tiles
   trace::TracePolicy policy{};
   VisibleBodies bodies{};  // bodies of the env; their arrays must outlive the rendering
   VisibleBodies drones{};  // the same for the drones that the camera sees

@@ -179,7 +179,7 @@ class FlightTask : public Task {
   const std::vector<float>& action_now() const { return action_now_; }
   const std::vector<float>& action_before() const { return action_before_; }
 
-  double max_thrust_to_weight_ = std::numeric_limits<double>::infinity();  // of actions, set before setup()
+  double max_thrust_to_weight_ = std::numeric_limits<double>::infinity();  // limit of actions, set before setup()
 
  private:
   FlightAction action_;

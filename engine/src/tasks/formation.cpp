@@ -93,7 +93,7 @@ double share_apart(const Eigen::Vector3d& column, const Eigen::Vector3d& shape, 
   const Eigen::Vector3d change = shape - column;
   const double a = change.squaredNorm(), b = column.dot(change), c = column.squaredNorm() - distance * distance;
   if (c <= 0.0) return 0.0;
-  const double root = b * b - a * c;  // of |column + share * change|^2 = distance^2
+  const double root = b * b - a * c;  // discriminant for |column + share * change|^2 = distance^2
   return b >= 0.0 || root <= 0.0 ? 1.0 : std::min((-b - std::sqrt(root)) / a, 1.0);
 }
 

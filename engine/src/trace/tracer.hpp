@@ -42,7 +42,7 @@ struct Viewpoint {
   float range;                        // in lengths of the directions
   float longest = 1.0F;               // length of the longest direction
   bool sees_markers = false;          // markers are visible, numbered after the triangles
-  const Bodies* bodies = &kNoBodies;  // of the env; needed by set_viewpoint() only, but their arrays as long as rays are traced
+  const Bodies* bodies = &kNoBodies;  // the env's; needed by set_viewpoint() only, but their arrays as long as rays are traced
   const Bodies* drones = &kNoBodies;  // the same for the drones that the sensor sees
   AskedDetails asked{};               // details of the hits of trace()
   TracePolicy policy{};               // tiles require Scene::prepare_tiles()

@@ -1,6 +1,6 @@
 // The keys of scene files, as structs with fields(). This is the only place for each key's type, limits, unit, default and
 // meaning: the reader (formats/scene_values.hpp) and the checks of a SceneDescription use these structs, and
-// bindings/scene_keys.py generates scenes/schema.json and the tables of docs/scene-format.md from them.
+// bindings/scene_keys.py generates scenes/schema.json and the tables of docs/reference/scene-format.md from them.
 #pragma once
 
 #include <array>

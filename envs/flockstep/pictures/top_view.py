@@ -116,7 +116,7 @@ class _Canvas:
         self._center = (low + high) / 2
         self._size_px = size_px
         half = size / self._px_per_m / 2
-        self._relief = Relief(world, self._center - half, self._center + half, size_px)
+        self._relief = Relief(world, "top", self._center - half, self._center + half, size_px)
         self._cut_m = np.nan  # height of the cached relief
         self._background: Image
         self._ground: npt.NDArray[np.bool_]  # (height, width), pixels that are free for cells

@@ -80,7 +80,7 @@ class CopiedArrays final : public ArraySource {
   };
   struct Sensor {
     std::vector<Copy> arrays;
-    std::optional<CameraConfig> camera;  // of a camera
+    std::optional<CameraConfig> camera;  // a camera's
   };
   std::map<std::string, Sensor, std::less<>> sensors_;
 };
@@ -108,7 +108,7 @@ class Publisher {
   std::map<std::string, std::int64_t, std::less<>> last_read_ns_;  // by sensor
   std::shared_ptr<Spare> spare_ = std::make_shared<Spare>();
   std::shared_ptr<CopiedArrays> newest_;
-  std::uint64_t turn_ = 0;  // of the lock, in which newest_ was made
+  std::uint64_t turn_ = 0;  // turn of the lock in which newest_ was made
 };
 
 }  // namespace flockstep::server

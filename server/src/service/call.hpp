@@ -106,7 +106,7 @@ void guard(Call& call, const Operation& operation) {
   } catch (const std::runtime_error& error) {
     call.fail(Code::kFailedPrecondition, error.what());
   } catch (const std::exception& error) {
-    const std::string text = error.what();  // of Python: with a traceback, whose paths are none of the client's business
+    const std::string text = error.what();  // Python's has a traceback, whose paths are none of the client's business
     call.fail(Code::kInternal, text.substr(0, text.find('\n')));
   }
 }

@@ -85,7 +85,7 @@ void Service::locked(Call& call, const protocol::SpawnDrone& spawn) {
   begin_change();
   const std::int64_t drone = batch_.spawn({}, position, rotation, {}, env).front();
   refresh_info();
-  clear_command(static_cast<std::size_t>(drone));  // of a drone that the program has removed there, like the claim
+  clear_command(static_cast<std::size_t>(drone));  // a drone that the program has removed keeps none, nor the claim
   {
     const std::scoped_lock lock(owners_mutex_);
     owners_.erase(drone);

@@ -120,8 +120,8 @@ void Service::refresh_info() {
 }
 
 std::size_t Service::max_snapshot_bytes(std::size_t array_bytes) const {
-  constexpr std::size_t kSpare = std::size_t{1} << 26;          // of the state of a task
-  constexpr std::size_t kBytesPerDrone = std::size_t{1} << 10;  // of settings of its sensors, and of the task
+  constexpr std::size_t kSpare = std::size_t{1} << 26;          // for the state of a task
+  constexpr std::size_t kBytesPerDrone = std::size_t{1} << 10;  // settings of its sensors and of the task
   if (task_ != nullptr) {
     for (const auto* const buffers : {&batch_.outputs().observation, &batch_.outputs().final_observation}) {
       for (const Buffer& buffer : *buffers) array_bytes += buffer.bytes().size();

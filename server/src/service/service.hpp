@@ -58,7 +58,7 @@ class Service {
 
   // Makes a step of real time, when the batch is free. Does nothing while an earlier one is waiting.
   void tick();
-  double rate_hz() const { return rate_hz_.load(std::memory_order_relaxed); }  // of real time; 0: none
+  double rate_hz() const { return rate_hz_.load(std::memory_order_relaxed); }  // in real time; 0: none
   // Calls `call` whenever a client has set another rate.
   void on_new_rate(std::function<void()> call) { on_new_rate_ = std::move(call); }
   // Calls `call` with the reason when a step of real time has failed, which ends real time.
@@ -89,7 +89,7 @@ class Service {
   struct BatchInfo : protocol::Welcome {
     std::vector<CameraConfig> camera_configs;  // with their current capture modes
     Batch::Worlds worlds;
-    std::size_t max_snapshot_bytes = 0;  // of a snapshot to restore; see also largest_snapshot_
+    std::size_t max_snapshot_bytes = 0;  // limit of a snapshot to restore; see also largest_snapshot_
     std::int64_t num_drones() const { return num_envs * drones_per_env; }
     std::int64_t num_bodies() const { return num_envs * bodies_per_env; }  // slots
   };
@@ -122,7 +122,7 @@ class Service {
   void require_bodies() const;                                  // that the batch has slots for them
   std::vector<std::uint8_t> body_mask(const Call& call) const;  // that of the request, of all slots; empty: all bodies
   std::vector<float> body_rows(const Call& call, const char* name,
-                               std::int64_t columns) const;  // of the request, (E, B, columns)
+                               std::int64_t columns) const;  // the request's, (E, B, columns)
   void change_bodies(Call& call, const std::function<void(std::span<const std::uint8_t> mask)>& change);
   // Returns the drones that a setting of a sensor changes: one, or all if the index is -1 or the setting is a common one.
   DroneMask require_drones(const Call& call, std::int64_t index, bool concerns_all);
@@ -140,7 +140,7 @@ class Service {
   std::span<const std::uint8_t> only(std::size_t drone);  // a mask
   void fit_rows();                                        // resizes the arrays of rows after the batch has grown
   void clear_command(std::size_t drone);
-  void drop_absent_commands();  // of drones that were removed, also by the program
+  void drop_absent_commands();  // commands of drones that were removed, also by the program
 
   // --- time; needs the lock
   void begin_change();  // before a long call
@@ -171,7 +171,7 @@ class Service {
   PictureMemory pictures_;
   FileMemory files_;
   RateMeter rate_;
-  std::int64_t last_tick_ = 0;  // of the first env
+  std::int64_t last_tick_ = 0;  // the first env's
 
   mutable std::mutex shape_mutex_;
   std::shared_ptr<const BatchInfo> info_;  // replaced, never changed
@@ -183,10 +183,10 @@ class Service {
   // Used with the lock.
   std::vector<float> positions_, rotations_;           // (N, 3), (N, 4): for calls that take rows of all drones
   std::vector<std::uint8_t> mask_;                     // (N,), see only()
-  std::vector<float> ranges_, directions_;             // of one scan
+  std::vector<float> ranges_, directions_;             // one scan's
   std::vector<float> commands_;                        // (N, 4), which steps fly; 0 without a command
   std::vector<std::uint8_t> has_command_;              // (N,)
-  std::optional<Control> command_control_;             // of all commands
+  std::optional<Control> command_control_;             // all commands'
   std::map<Client*, std::shared_ptr<Call>> lockstep_;  // members, with the step for which they wait
   std::set<std::uint32_t> late_;                       // clients that have left the lockstep because they were late
   std::uint64_t lockstep_wait_ = 0;                    // number of the current or latest wait of members for each other

@@ -1,4 +1,4 @@
-"""Worlds seen from above: heights against closed forms, and cut areas."""
+"""Worlds seen along an axis: heights against closed forms, and cut areas."""
 
 import numpy as np
 import pytest
@@ -11,8 +11,8 @@ NOTHING = (225, 225, 228)
 QUARTER = [0.70710678, 0, 0.70710678, 0]  # about y: z to x
 
 
-def picture(world, cut_m, low=(0, 0), high=(8, 8), size=(160, 160)):
-    return Relief(world, np.array(low), np.array(high), size).picture(cut_m)
+def picture(world, cut_m, view="top", low=(0, 0), high=(8, 8), size=(160, 160)):
+    return Relief(world, view, np.array(low), np.array(high), size).picture(cut_m)
 
 
 def centres(low=(0, 0), high=(8, 8), size=(160, 160)):
@@ -22,11 +22,16 @@ def centres(low=(0, 0), high=(8, 8), size=(160, 160)):
     return np.meshgrid(right, up)
 
 
+def same(image, expected):
+    """Share of the pixels that match; pixels on borders may match their neighbours instead."""
+    return (image == expected).all(axis=-1).mean()
+
+
 @pytest.fixture
 def heights(monkeypatch):
     """Encode the height's fraction in a pixel's red and green channels, without light."""
     monkeypatch.setattr(relief, "_ramp", lambda share: np.stack([share * 240, share * 240, 0 * share], axis=-1))
-    monkeypatch.setattr(relief, "_shade", lambda normals: np.ones((len(normals), 1)))
+    monkeypatch.setattr(relief, "_shade", lambda normals, *axes: np.ones((len(normals), 1)))
     return lambda image: image[..., 0].astype(float) / 240
 
 
@@ -149,6 +154,21 @@ def test_ground_above_the_plane_is_dark():
 def test_what_hangs_over_nothing_is_not_ground():
     world = world_of(boxes=[{"center": [4, 4, 3], "size": [4, 4, 1]}])
     assert (picture(world, 1.0) == NOTHING).all()
+
+
+def test_from_the_side_nearer_is_smaller_y(heights):
+    """Two boxes, one in front of the other; the plane removes the nearer one or cuts through it."""
+    world = world_of(boxes=[{"center": [3, 2, 1], "size": [2, 2, 2]}, {"center": [4, 6, 2], "size": [4, 2, 4]}])
+    x, z = centres(high=(8, 4), size=(160, 80))
+    front, back = (np.abs(x - 3) < 1) & (z < 2), np.abs(x - 4) < 2
+    for cut_m, share_of_front in ((-10.0, 1.0), (3.5, 2 / 6)):
+        image = picture(world, cut_m, "side", high=(8, 4), size=(160, 80))
+        np.testing.assert_allclose(heights(image)[front], share_of_front, atol=1 / 240)
+        np.testing.assert_allclose(heights(image)[back & ~front], 2 / 6, atol=1 / 240)
+        assert (image[~front & ~back] == NOTHING).all()
+    through = picture(world, 2.0, "side", high=(8, 4), size=(160, 80))
+    assert same(through[front], SOLID) == 1
+    assert same(through[back & ~front & (z > 2.1)], SOLID) == 0
 
 
 def test_what_is_hidden_is_not_cut():

@@ -164,8 +164,8 @@ struct CameraChange {
   std::optional<float> vfov_deg;                  // deg
   std::optional<std::array<float, 3>> offset_m;   // m, body frame
   std::optional<std::array<float, 4>> quat_wxyz;  // camera to body
-  std::optional<int> width_px;                    // of all drones; moves the arrays of the batch
-  std::optional<int> height_px;                   // of all drones; moves the arrays of the batch
+  std::optional<int> width_px;                    // all drones'; moves the arrays of the batch
+  std::optional<int> height_px;                   // all drones'; moves the arrays of the batch
 
   static constexpr auto fields() {
     using C = CameraChange;

@@ -78,11 +78,11 @@ struct GlRenderer::Impl {
   GlWorker worker;
   std::uint32_t num_models = 0;
   std::map<std::pair<const World*, float>, KnownWorld> worlds;  // by the world that has the geometry, and focal_px
-  std::set<std::shared_ptr<const World>> meshes;                // of bodies, which might not live long enough
+  std::set<std::shared_ptr<const World>> meshes;                // bodies' meshes, which might not live long enough
   std::array<std::optional<KnownModel>, kSolids.size() * kLevels> solids;
   std::vector<std::pair<const World*, std::uint32_t>> colors;  // where those of each world are in the scene
-  std::size_t triangles = 0;                                   // of the items that were added last
-  float focal_px = 0.0F;                                       // of the group that is planned, rounded up
+  std::size_t triangles = 0;                                   // triangles of the items that were added last
+  float focal_px = 0.0F;                                       // focal length of the group that is planned, rounded up
   std::vector<RenderRequest> requests;
   std::vector<std::uint32_t> order;  // indices of the requests, grouped by kind of camera
   std::vector<FramePart> parts;      // one per camera of the task

@@ -38,7 +38,7 @@ class ShadedMesh {
 
  private:
   std::shared_ptr<const World> world_;
-  const Shading* shading_;  // of world_
+  const Shading* shading_;  // world_'s
   Light light_;             // world frame
   Mat3 to_local_ = Mat3::Zero();
   Shading::Tables tables_;
