@@ -22,8 +22,9 @@ inline constexpr int kPillarSides = 16;
 struct BareScene {
   RTCDevice device;
   RTCScene scene = rtcNewScene(device);
-  std::vector<flockstep::trace::Shape> shapes;                                            // data of the user geometry
-  explicit BareScene(const char* settings = nullptr) : device(rtcNewDevice(settings)) {}  // of Embree, such as "isa=avx2"
+  std::vector<flockstep::trace::Shape> shapes;  // data of the user geometry
+  explicit BareScene(const char* settings = nullptr)
+      : device(rtcNewDevice(settings)) {}  // settings: Embree's, such as "isa=avx2"
   BareScene(const BareScene&) = delete;
   BareScene& operator=(const BareScene&) = delete;
   ~BareScene() {

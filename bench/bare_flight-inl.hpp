@@ -9,7 +9,7 @@
 
 namespace bench {
 
-// Parameters of a quadrotor in SI units. Frames and signs are as in docs/dynamics.md.
+// Parameters of a quadrotor in SI units. Frames and signs are as in docs/concepts/flight-model.md.
 struct Quadrotor {
   float mass, inertia[3];
   float x[4], y[4], yaw[4];  // per rotor: x and y, and the ratio of torque about z to thrust

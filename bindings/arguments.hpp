@@ -38,7 +38,7 @@ std::optional<TaskConfig> engine_task(const pybind11::object& description);
 // Returns the path of the library of a NativeTask; nothing for other objects.
 std::optional<std::string> library_of(const pybind11::object& description);
 
-// Names the configuration classes of the engine's tasks, for messages: "one of NavigationConfig, ...".
+// Names the configuration classes of the engine's tasks, for messages.
 std::string names_of_task_configs();
 
 // Creates a task from an engine task's configuration, a NativeTask or a PythonTask; null for None.

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstdint>
 #include <initializer_list>
+#include <iterator>
 #include <limits>
 #include <optional>
 #include <span>
@@ -170,6 +171,19 @@ template <class T, class Stored>
 py::array_t<T> view(const py::object& owner, const Stored* data, std::initializer_list<py::ssize_t> shape,
                     bool writable = false) {
   return view<T>(owner, data, std::span(shape.begin(), shape.size()), writable);
+}
+
+// Returns a copy of a list as an array.
+template <class List>
+auto array_of(const List& values) {
+  return py::array_t<std::remove_cvref_t<decltype(values[0])>>(std::ssize(values), values.data());
+}
+
+// Returns the rows of an (R, 3) array as points.
+inline std::vector<Vec3> points_of(std::span<const float> rows) {
+  std::vector<Vec3> points;
+  for (std::size_t i = 0; i + 2 < rows.size(); i += 3) points.emplace_back(rows[i], rows[i + 1], rows[i + 2]);
+  return points;
 }
 
 // Returns points as an (R, 3) array.

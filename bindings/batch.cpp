@@ -9,7 +9,6 @@
 #include <iterator>
 #include <limits>
 #include <memory>
-#include <numeric>
 #include <optional>
 #include <span>
 #include <string>
@@ -347,7 +346,7 @@ void register_batch(py::module_& module) {
             const auto w = integers<std::int32_t>(world_index, "world_index", {n});
             std::vector<std::int64_t> spawned;
             released(batch, [&] { spawned = batch.spawn(rows, p, q, w, envs); });
-            return py::array_t<std::int64_t>(static_cast<py::ssize_t>(spawned.size()), spawned.data());
+            return array_of(spawned);
           },
           py::arg("indices") = none, py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("world_index") = none,
           py::kw_only(), py::arg("env") = none)

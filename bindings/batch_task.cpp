@@ -32,20 +32,9 @@ py::ssize_t num_rows(const Batch& batch) { return spec_of(batch).row == Row::dro
 
 // Returns a view of an array whose type is known only at run time.
 py::array typed_view(const py::object& self, const std::byte* data, DType type, const Shape& shape, bool writable = false) {
-  switch (type) {
-    case DType::boolean:
-      return view<bool>(self, reinterpret_cast<const bool*>(data), shape, writable);
-    case DType::uint8:
-      return view<std::uint8_t>(self, reinterpret_cast<const std::uint8_t*>(data), shape, writable);
-    case DType::int32:
-      return view<std::int32_t>(self, reinterpret_cast<const std::int32_t*>(data), shape, writable);
-    case DType::int64:
-      return view<std::int64_t>(self, reinterpret_cast<const std::int64_t*>(data), shape, writable);
-    case DType::float32:
-      return view<float>(self, reinterpret_cast<const float*>(data), shape, writable);
-    default:
-      return view<double>(self, reinterpret_cast<const double*>(data), shape, writable);
-  }
+  if (type == DType::boolean) return view<bool>(self, reinterpret_cast<const bool*>(data), shape, writable);
+  return with_type(type,
+                   [&]<class T>(T) -> py::array { return view<T>(self, reinterpret_cast<const T*>(data), shape, writable); });
 }
 
 // Returns the observation: the array of its only field, or a dict of arrays if there are several.

@@ -72,8 +72,7 @@ void add_bodies(py::module_& module, BatchClass& cls) {
             const auto v = floats(velocity, "velocity", {n, 3});
             const auto w = floats(angular_velocity, "angular_velocity", {n, 3});
             const auto m = flags(mask, "mask", n);
-            const std::vector<std::int64_t> slots = in_turn(batch, [&] { return batch.bodies().spawn(body, p, q, v, w, m); });
-            return py::array_t<std::int64_t>(n, slots.data());
+            return array_of(in_turn(batch, [&] { return batch.bodies().spawn(body, p, q, v, w, m); }));
           },
           py::arg("body"), py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("velocity") = none,
           py::arg("angular_velocity") = none, py::arg("mask") = none)
@@ -84,24 +83,6 @@ void add_bodies(py::module_& module, BatchClass& cls) {
             in_turn(view.batch(), [&] { view.batch().bodies().remove(m); });
           },
           py::arg("mask") = none)
-      .def(
-          "set_pose",
-          [](const BodiesView& view, const py::object& position, const py::object& quat_wxyz, const py::object& mask) {
-            const auto p = floats(position, "position", view.rows(3));
-            const auto q = floats(quat_wxyz, "quat_wxyz", view.rows(4));
-            const std::vector<std::uint8_t> m = body_mask(view, mask);
-            in_turn(view.batch(), [&] { view.batch().bodies().set_pose(p, q, m); });
-          },
-          py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("mask") = none)
-      .def(
-          "set_velocity",
-          [](const BodiesView& view, const py::object& velocity, const py::object& angular_velocity, const py::object& mask) {
-            const auto v = floats(velocity, "velocity", view.rows(3));
-            const auto w = floats(angular_velocity, "angular_velocity", view.rows(3));
-            const std::vector<std::uint8_t> m = body_mask(view, mask);
-            in_turn(view.batch(), [&] { view.batch().bodies().set_velocity(v, w, m); });
-          },
-          py::arg("velocity") = none, py::arg("angular_velocity") = none, py::arg("mask") = none)
       .def(
           "config",
           [](const BodiesView& view, const py::object& env, const py::object& body) -> std::optional<BodyConfig> {
@@ -115,6 +96,18 @@ void add_bodies(py::module_& module, BatchClass& cls) {
             return found == nullptr ? std::nullopt : std::optional(*found);
           },
           py::arg("env"), py::arg("body"));
+  const auto add = [&](const char* name, const char* linear, const char* turn, py::ssize_t turn_columns, auto set) {
+    bodies.def(
+        name,
+        [=](const BodiesView& view, const py::object& first, const py::object& second, const py::object& mask) {
+          const auto a = floats(first, linear, view.rows(3)), b = floats(second, turn, view.rows(turn_columns));
+          const std::vector<std::uint8_t> m = body_mask(view, mask);
+          in_turn(view.batch(), [&] { (view.batch().bodies().*set)(a, b, m); });
+        },
+        py::arg(linear) = py::none(), py::arg(turn) = py::none(), py::arg("mask") = py::none());
+  };
+  add("set_pose", "position", "quat_wxyz", 4, &Batch::Bodies::set_pose);
+  add("set_velocity", "velocity", "angular_velocity", 3, &Batch::Bodies::set_velocity);
   cls.def_property_readonly("bodies", [](const py::object& self) { return BodiesView{self}; });
 }
 

@@ -110,67 +110,59 @@ Components color_components(const py::array& given, const ColorRange& color, con
   return components;
 }
 
-struct Seen {
-  task::ColorBlob blob;
+struct Seen : task::ColorBlob {
   py::array_t<bool> mask;
 };
 
 Seen green_blob(const py::array& given, const std::string& layout) {
   const Images image = images_of(given, layout, true);
   task::ColorBlobScratch scratch;
-  Seen seen{task::find_color(image[0], image.width, image.height, image.layout, ColorRange(), scratch),
+  Seen seen{{task::find_color(image[0], image.width, image.height, image.layout, ColorRange(), scratch)},
             py::array_t<bool>(image.shape({image.height, image.width}))};
   std::transform(scratch.mask.begin(), scratch.mask.end(), seen.mask.mutable_data(),
                  [](std::uint8_t value) { return value != 0; });
   return seen;
 }
 
+template <class Blob>
+void add_blob(py::module_& module, const char* name, const char* doc) {
+  py::class_<Blob>(module, name, doc)
+      .def_readonly("found", &Blob::found)
+      .def_readonly("x", &Blob::x)
+      .def_readonly("y", &Blob::y)
+      .def_readonly("width", &Blob::width)
+      .def_readonly("height", &Blob::height)
+      .def_readonly("offset", &Blob::offset)
+      .def_readonly("area", &Blob::area)
+      .def_readonly("mask", &Blob::mask);
+}
+
 }  // namespace
 
 void register_color_blob(py::module_& module) {
-  py::class_<Seen>(module, "GreenBlob", "The green part of an image.")
-      .def_property_readonly("found", [](const Seen& seen) { return seen.blob.found; })
-      .def_property_readonly("x", [](const Seen& seen) { return seen.blob.x; })
-      .def_property_readonly("y", [](const Seen& seen) { return seen.blob.y; })
-      .def_property_readonly("width", [](const Seen& seen) { return seen.blob.width; })
-      .def_property_readonly("height", [](const Seen& seen) { return seen.blob.height; })
-      .def_property_readonly("offset", [](const Seen& seen) { return seen.blob.offset; })
-      .def_property_readonly("area", [](const Seen& seen) { return seen.blob.area; })
-      .def_readonly("mask", &Seen::mask);
+  add_blob<Seen>(module, "GreenBlob", "The green part of an image.");
   module.def("green_blob", &green_blob, py::arg("image"), py::arg("layout") = "hwc");
-  py::class_<Blobs>(module, "ColorBlob", "Position and size of a colour in images.")
-      .def_readonly("found", &Blobs::found)
-      .def_readonly("x", &Blobs::x)
-      .def_readonly("y", &Blobs::y)
-      .def_readonly("width", &Blobs::width)
-      .def_readonly("height", &Blobs::height)
-      .def_readonly("offset", &Blobs::offset)
-      .def_readonly("area", &Blobs::area)
-      .def_readonly("mask", &Blobs::mask);
-  module.def(
-      "color_blob",
-      [](const py::array& image, const py::object& color, const std::string& layout) {
-        return color_blob(image, argument<ColorRange>(color, "color", "a flockstep.ColorRange"), layout);
-      },
-      py::arg("image"), py::arg("color"), py::arg("layout") = "hwc");
+  add_blob<Blobs>(module, "ColorBlob", "Position and size of a colour in images.");
   py::class_<Components>(module, "ColorComponents", "Connected parts of an image with a colour.")
       .def_readonly("box", &Components::box)
       .def_readonly("centroid", &Components::centroid)
       .def_readonly("area_px", &Components::area_px)
       .def_readonly("labels", &Components::labels);
-  module.def(
-      "color_components",
-      [](const py::array& image, const py::object& color, const std::string& layout) {
-        return color_components(image, argument<ColorRange>(color, "color", "a flockstep.ColorRange"), layout);
-      },
-      py::arg("image"), py::arg("color"), py::arg("layout") = "hwc");
-  // Other calls get here: name an unknown keyword.
-  for (const char* const name : {"color_blob", "color_components"}) {
+  const auto add = [&](const char* name, auto find) {
+    module.def(
+        name,
+        [find](const py::array& image, const py::object& color, const std::string& layout) {
+          return find(image, argument<ColorRange>(color, "color", "a flockstep.ColorRange"), layout);
+        },
+        py::arg("image"), py::arg("color"), py::arg("layout") = "hwc");
+    // Other calls get here: name an unknown keyword.
     module.def(name, [name](const py::args&, const py::kwargs& keywords) {
       refuse_unknown(name, keywords, {"image", "color", "layout"});
       throw py::reference_cast_error();
     });
-  }
+  };
+  add("color_blob", &color_blob);
+  add("color_components", &color_components);
 }
 
 }  // namespace flockstep::bindings

@@ -70,8 +70,7 @@ struct FieldType {
 };
 template <class Value, bool kIsDescribedOnly>
 constexpr FieldType field_type() {
-  FieldType type{[] { return StubType<Value>::of(); },
-                 [](const void* field) { return shown(*static_cast<const Value*>(field)); }};
+  FieldType type{[] { return stub_type<Value>(); }, [](const void* field) { return shown(*static_cast<const Value*>(field)); }};
   if constexpr (!kIsDescribedOnly) {  // these take most of the compile time
     type.read = [](const void* field) -> py::object { return to_python(*static_cast<const Value*>(field)); };
     type.write = [](void* field, const py::object& value, const char* name) {
@@ -177,9 +176,9 @@ py::dict state_of(const py::object& self) {
 }
 
 // Adds a property for each field. This is not a template, because each function bound in one costs a tenth of a second of
-// compile time, and there are hundreds of fields.
+// compile time, and there are hundreds of fields. read_only: without setters and defaults, for results.
 void add_properties(const py::object& cls, const std::type_info& type, const std::vector<ConfigField>& fields,
-                    const py::list& descriptions) {
+                    const py::list& descriptions, bool read_only = false) {
   const py::is_method method(cls);
   const auto property = py::reinterpret_borrow<py::object>(reinterpret_cast<PyObject*>(&PyProperty_Type));
   for (std::size_t i = 0; i < fields.size(); ++i) {
@@ -191,9 +190,15 @@ void add_properties(const py::object& cls, const std::type_info& type, const std
           field.type.write(held_by(self, type) + field.offset, value, field.name);
         },
         method);
-    const std::string doc = py::str(descriptions[i]["doc"]);
-    cls.attr(field.name) = property(get, set, py::none(), wrapped(doc, ""));
+    const std::string doc = py::str(descriptions[i][read_only ? "about" : "doc"]);
+    cls.attr(field.name) = property(get, read_only ? py::object(py::none()) : py::object(set), py::none(), wrapped(doc, ""));
   }
+}
+
+py::tuple names_of(const std::vector<ConfigField>& fields) {
+  py::list names;
+  for (const ConfigField& field : fields) names.append(field.name);
+  return names;
 }
 
 // Returns the fields by name, with hashes of worlds instead of the worlds, which are compared by identity.
@@ -211,9 +216,7 @@ py::dict comparable_state_of(const py::object& self) {
 void add_fields(const py::object& cls, const std::type_info& type, const std::vector<ConfigField>& fields,
                 const py::list& descriptions) {
   add_properties(cls, type, fields, descriptions);
-  py::list names;
-  for (const ConfigField& field : fields) names.append(field.name);
-  cls.attr("__match_args__") = py::tuple(names);
+  cls.attr("__match_args__") = names_of(fields);
   cls.attr("__hash__") = py::none();  // mutable
   const auto add = [&](const char* name, const auto& function) {
     cls.attr(name) = py::cpp_function(function, py::name(name), py::is_method(cls));
@@ -244,6 +247,18 @@ py::class_<Config> register_fields(py::module_& module, const char* name, const 
   cls.def(py::init(&from_keywords<Config>));
   cls.def(py::pickle(&state_of, [](const py::dict& state) { return from_keywords<Config>(py::kwargs(state)); }));
   return cls;
+}
+
+// Registers a class whose objects only calls return.
+template <class Results>
+void register_results(py::module_& module, const char* name, const char* doc) {
+  const py::class_<Results> cls(module, name, doc);
+  const std::vector<ConfigField> fields = fields_of<Results>();
+  const Results defaults;
+  const py::list descriptions = described(fields, &defaults);
+  add_properties(cls, typeid(Results), fields, descriptions, true);
+  cls.attr("__match_args__") = names_of(fields);
+  cls.attr("_results") = descriptions;
 }
 
 constexpr bool is_one_word(std::string_view name) {
@@ -421,6 +436,7 @@ void register_config(py::module_& module) {
   register_fields<NetworkConfig>(module, "NetworkConfig", "Actor and critic: two networks on the same inputs.");
   register_fields<RolloutConfig>(module, "RolloutConfig", "The steps that are collected for one update.");
   register_fields<UpdateConfig>(module, "UpdateConfig", "One update from a rollout.");
+  register_results<UpdateReport>(module, "UpdateReport", "Means over the minibatches of an update.");
   register_fields<NavigationReward>(module, "NavigationReward");
   py::dict tasks;
   for_each_task([&]<class Config>(std::type_identity<Config>) {

@@ -13,6 +13,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <tuple>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -106,31 +107,28 @@ py::list to_python(const std::array<Enum, kSize>& values) {
 }
 
 template <class T>
-struct PythonName {
-  static std::string of() {
-    if constexpr (std::is_same_v<T, bool>) return "a bool";
-    if constexpr (std::is_integral_v<T>) return "an integer";
-    if constexpr (std::is_floating_point_v<T>) return "a number";
-    if constexpr (std::is_same_v<T, std::string> || std::is_enum_v<T>) return "a string";
-    return "another type";
+concept OptionalValue = requires(const T& value) { value.has_value(); };
+template <class T>
+concept SequenceOfValues = !std::is_same_v<T, std::string> && requires(const T& values) { values[0]; };
+template <class T>
+concept SequenceOfConfigs = SequenceOfValues<T> && HasFields<typename T::value_type>;
+
+// The name of a value in messages.
+template <class T>
+std::string python_name() {
+  if constexpr (OptionalValue<T>) return python_name<typename T::value_type>() + " or None";
+  if constexpr (std::is_same_v<T, std::shared_ptr<const World>>) return "a flockstep.DroneMesh, a flockstep.World or None";
+  if constexpr (SequenceOfValues<T>) {
+    if constexpr (requires { std::tuple_size<T>::value; }) return std::to_string(std::tuple_size_v<T>) + " numbers";
+    return "a sequence of numbers";
   }
-};
-template <class T>
-struct PythonName<std::optional<T>> {
-  static std::string of() { return PythonName<T>::of() + " or None"; }
-};
-template <>
-struct PythonName<std::shared_ptr<const World>> {
-  static std::string of() { return "a flockstep.DroneMesh, a flockstep.World or None"; }
-};
-template <class T>
-struct PythonName<std::vector<T>> {
-  static std::string of() { return "a sequence of numbers"; }
-};
-template <class T, std::size_t kSize>
-struct PythonName<std::array<T, kSize>> {
-  static std::string of() { return std::to_string(kSize) + " numbers"; }
-};
+  if constexpr (std::is_same_v<T, bool>) return "a bool";
+  if constexpr (std::is_integral_v<T>) return "an integer";
+  if constexpr (std::is_floating_point_v<T>) return "a number";
+  if constexpr (std::is_same_v<T, std::string> || std::is_enum_v<T>) return "a string";
+  if constexpr (HasFields<T>) return "a flockstep." + std::string(py::str(py::type::of<T>().attr("__name__")));
+  return "another type";
+}
 
 inline std::string literal(Names names) {
   std::string text;
@@ -140,74 +138,42 @@ inline std::string literal(Names names) {
 
 // The type's name in a stub.
 template <class T>
-struct StubType {
-  static std::string of() {
-    if constexpr (std::is_enum_v<T>) {
-      return literal(EnumNames<T>::kNames);
-    } else if constexpr (std::is_same_v<T, bool>) {
-      return "bool";
-    } else if constexpr (std::is_integral_v<T>) {
-      return "int";
-    } else if constexpr (std::is_floating_point_v<T>) {
-      return "float";
-    } else if constexpr (std::is_same_v<T, std::string>) {
-      return "str";
-    } else if constexpr (std::is_same_v<T, CameraOutputs>) {
-      return "Sequence[str]";
-    } else {
-      return py::str(py::type::of<T>().attr("__name__"));
-    }
-  }
-};
-template <class T>
-struct StubType<std::optional<T>> {
-  static std::string of() { return StubType<T>::of() + " | None"; }
-};
-template <>
-struct StubType<std::shared_ptr<const World>> {
-  static std::string of() { return "World | None"; }
-};
-template <class T>
-struct StubType<std::vector<T>> {
-  static std::string of() { return "Sequence[" + StubType<T>::of() + "]"; }
-};
-template <class T, std::size_t kSize>
-struct StubType<std::array<T, kSize>> {
-  static std::string of() { return "Sequence[" + StubType<T>::of() + "]"; }
-};
-
-// Returns the class name of a configuration, or `otherwise` for other types.
-template <class T>
-std::string config_name(const std::string& otherwise) {
-  if constexpr (HasFields<T>) {
-    return "a flockstep." + std::string(py::str(py::type::of<T>().attr("__name__")));
+std::string stub_type() {
+  if constexpr (OptionalValue<T>) {
+    return stub_type<typename T::value_type>() + " | None";
+  } else if constexpr (SequenceOfValues<T>) {
+    return "Sequence[" + stub_type<typename T::value_type>() + "]";
+  } else if constexpr (std::is_same_v<T, std::shared_ptr<const World>>) {
+    return "World | None";
+  } else if constexpr (std::is_enum_v<T>) {
+    return literal(EnumNames<T>::kNames);
+  } else if constexpr (std::is_same_v<T, bool>) {
+    return "bool";
+  } else if constexpr (std::is_integral_v<T>) {
+    return "int";
+  } else if constexpr (std::is_floating_point_v<T>) {
+    return "float";
+  } else if constexpr (std::is_same_v<T, std::string>) {
+    return "str";
+  } else if constexpr (std::is_same_v<T, CameraOutputs>) {
+    return "Sequence[str]";
   } else {
-    return otherwise;
+    return py::str(py::type::of<T>().attr("__name__"));
   }
 }
 
 // Returns true for a bool, including NumPy's. Python accepts bools as numbers, so they need a separate check.
 inline bool is_bool(const py::handle& value) { return py::detail::make_caster<bool>().load(value, false); }
 
-template <class T>
-struct IsSequence : std::false_type {};
-template <class T>
-struct IsSequence<std::vector<T>> : std::true_type {};
-template <class T, std::size_t kSize>
-struct IsSequence<std::array<T, kSize>> : std::true_type {};
-
 // Describes the range of an integer type for messages; empty for other types.
 template <class T>
-struct IntegerRange {
-  static std::string of() {
-    if constexpr (std::is_integral_v<T> && !std::is_same_v<T, bool>) {
-      return std::to_string(std::numeric_limits<T>::min()) + " to " + std::to_string(std::numeric_limits<T>::max());
-    }
-    return "";
+std::string integer_range() {
+  if constexpr (OptionalValue<T>) return integer_range<typename T::value_type>();
+  if constexpr (std::is_integral_v<T> && !std::is_same_v<T, bool>) {
+    return std::to_string(std::numeric_limits<T>::min()) + " to " + std::to_string(std::numeric_limits<T>::max());
   }
-};
-template <class T>
-struct IntegerRange<std::optional<T>> : IntegerRange<T> {};
+  return "";
+}
 
 [[noreturn]] inline void refuse_value(const py::handle& value, const std::string& field, const std::string& expected,
                                       const std::string& integers) {
@@ -234,10 +200,6 @@ std::string got_instead(const py::handle& value) {
   return text;
 }
 
-template <class T>
-struct IsConfigs : std::false_type {};
-template <class T>
-struct IsConfigs<std::vector<T>> : std::bool_constant<HasFields<T>> {};
 template <class Configs>
 Configs configs_of(const py::handle& given, const std::string& name);
 
@@ -256,12 +218,12 @@ T from_python(const py::handle& given, const std::string& field) {
   if constexpr (std::is_same_v<T, std::shared_ptr<const World>>) value = world = mesh_world(given);
   if constexpr (std::is_same_v<T, CameraOutputs>) {
     return outputs_of(value);
-  } else if constexpr (IsConfigs<T>::value) {
+  } else if constexpr (SequenceOfConfigs<T>) {
     return configs_of<T>(value, field);
   } else if constexpr (std::is_enum_v<T>) {
     return enum_of<T>(from_python<std::string>(value, field), field);
   } else {
-    if constexpr (IsSequence<T>::value) refuse_masked(value, field);
+    if constexpr (SequenceOfValues<T>) refuse_masked(value, field);
     try {
       if constexpr (std::is_same_v<T, bool>) {  // cast() would accept any object's truth value
         py::detail::make_caster<bool> flag;
@@ -270,15 +232,15 @@ T from_python(const py::handle& given, const std::string& field) {
       } else {
         T converted = value.cast<T>();
         bool has_bool = is_bool(value);
-        if constexpr (IsSequence<T>::value) {
+        if constexpr (SequenceOfValues<T>) {
           for (const py::handle item : value) has_bool |= is_bool(item);
         }
         if (has_bool) throw py::cast_error();
         return converted;
       }
     } catch (const py::cast_error&) {
-      if constexpr (HasFields<T>) throw py::type_error(field + ": expected " + config_name<T>("") + got_instead<T>(value));
-      refuse_value(value, field, config_name<T>(PythonName<T>::of()), IntegerRange<T>::of());
+      if constexpr (HasFields<T>) throw py::type_error(field + ": expected " + python_name<T>() + got_instead<T>(value));
+      refuse_value(value, field, python_name<T>(), integer_range<T>());
     }
   }
 }

@@ -137,44 +137,6 @@ class Server:
     def __enter__(self) -> Server: ...
     def __exit__(self, *exception: object) -> None: ...
 
-@final
-class UpdateReport:
-    """Means over the minibatches of an update."""
-
-    @property
-    def policy_gradient_loss(self) -> float:
-        """Clipped surrogate, negative."""
-    @property
-    def value_loss(self) -> float:
-        """Mean squared error of the value."""
-    @property
-    def entropy_loss(self) -> float:
-        """Negative entropy."""
-    @property
-    def clip_fraction(self) -> float:
-        """Share of the steps whose ratio was clipped."""
-    @property
-    def approx_kl(self) -> float:
-        """Approximate KL divergence, over the last epoch."""
-    @property
-    def loss(self) -> float:
-        """Loss of the last minibatch."""
-    @property
-    def explained_variance(self) -> float:
-        """Share of the variance of the returns that the values of the rollout explain."""
-    @property
-    def std(self) -> float:
-        """{learner.hpp: Mean standard deviation}; 0 for discrete actions."""
-    @property
-    def epochs(self) -> int:
-        """Number of epochs begun."""
-    @property
-    def stopped_early(self) -> bool:
-        """True if ``target_kl`` ended the update."""
-    @property
-    def is_finite(self) -> bool:
-        """False if {learner.hpp: the update stopped before}."""
-
 class Learner:
     """Networks, optimiser and rollout of `flockstep.PPO`. R is the number of rows, k the size of an observation.
 
@@ -316,7 +278,7 @@ class Learner:
 class DynamicsConfig:
     """{dynamics.hpp: The motion model}.
 
-    With ``motion="rotors"`` a drone is a rigid body with four rotors (docs/dynamics.md has the equations). A command is
+    With ``motion="rotors"`` a drone is a rigid body with four rotors (docs/concepts/flight-model.md has the equations). A command is
     four numbers, whose meaning depends on ``control``:
 
     - ``"rotor_speeds"``: rad/s of each rotor, in the order of the airframe.
@@ -1115,7 +1077,7 @@ class DroneModel:
 
     @staticmethod
     def from_dict(data: dict[str, Any]) -> DroneModel:
-        """Make a drone from the content of its JSON file; docs/add-a-drone.md describes the format.
+        """Make a drone from the content of its JSON file; docs/reference/drone-files.md describes the format.
 
         Numbers that are probably in another unit raise a ``UserWarning``: moments of inertia beyond the mass times the
         hull's squared radius, a thrust-to-weight beyond 20, propeller tips faster than sound.
@@ -1741,24 +1703,9 @@ class Batch:
     ) -> npt.NDArray[np.int64]:
         """Activate slots (K,) at positions (K, 3) m, quaternions (K, 4), in worlds (K,), and `sense` there.
 
-        The drones have the sensor settings of the configuration, whatever `set_lidar` and `set_camera` have changed for
-        earlier drones of these slots. As in `set_pose`, {batch.hpp: positions are not ... collisions}; `is_free` does
-        that.
-
-        Without a task, the batch grows if it has too few slots:
-
-        - ``indices`` beyond N add slots. With M = 1, E grows to the largest index + 1. With E = 1 and M other than 1, M
-          at least doubles. Slots that are not spawned are inactive. With several envs of several drones an index beyond
-          N belongs to no env: give ``env``.
-        - ``env`` (K,), instead of ``indices``, names the env of each new drone. It takes the lowest inactive slot of
-          that env. If there is none, M grows for all envs; the indices d = e M + m of drones in envs other than 0 then
-          change.
-        - Without both, the drones take the lowest inactive slots of the batch, then new ones.
-
-        A batch that has grown has the same bits as one that was made with its final size. Snapshots of another size are
-        refused. With a task, the batch cannot grow, and {batch.hpp: the drones of ... together}: the slots must include
-        every drone of the env that is active or has finished. With ``episodes="each"`` they may be any: these drones
-        begin their next episodes, and their envs go on.
+        The drones are new and placed there as by `set_pose`. Their slots are ``indices``, {batch.hpp: or else the lowest
+        inactive ... the batch}. {batch.hpp: Missing slots are ... d = e M + m}. With a task, the drones of an env begin
+        their episodes together, except with ``episodes="each"``: name all that are active or finished.
 
         Returns
         -------

@@ -100,7 +100,7 @@ void document_fields(const py::handle& config) {
 }  // namespace
 
 std::string wrapped(std::string_view text, std::string_view indent) {
-  constexpr std::size_t kWidth = 112;  // of a docstring in a class, in lines of 120 columns
+  constexpr std::size_t kWidth = 112;  // columns of a class's docstring, in lines of 120
   std::string lines(indent);
   std::size_t used = 0;
   for (std::size_t at = 0; at < text.size();) {

@@ -14,11 +14,7 @@ namespace {
 
 DroneModel make_drone_model(const py::object& hull) {
   if (hull.is_none()) return DroneModel::quadrotor650();
-  const Input<float> input = floats(hull, "hull", {-1, 3});
-  const std::span<const float> numbers = input;
-  std::vector<Vec3> points;
-  for (std::size_t i = 0; i + 2 < numbers.size(); i += 3) points.emplace_back(numbers[i], numbers[i + 1], numbers[i + 2]);
-  return DroneModel(std::move(points));
+  return DroneModel(points_of(floats(hull, "hull", {-1, 3})));
 }
 
 py::array_t<float> hull_of(const py::object& self) {

@@ -20,10 +20,6 @@
 namespace flockstep::bindings {
 namespace {
 
-py::array_t<float> array_of(std::span<const float> values) {
-  return py::array_t<float>(static_cast<py::ssize_t>(values.size()), values.data());
-}
-
 // Shape of the actions of `leading` rows.
 Shape action_shape(const Learner& learner, Shape leading) {
   if (!learner.config().is_discrete) leading.push_back(learner.config().action_size);
@@ -46,28 +42,28 @@ Input<float> observations(const Learner& learner, const py::object& observation,
   return input;
 }
 
-py::array_t<float> predict(const Learner& learner, const py::object& observation) {
+// kFill writes the rows of an array: actions, which have this shape, or values.
+template <auto kFill, class AnyLearner>
+py::array_t<float> filled(AnyLearner& learner, const py::object& observation, const Shape& row) {
   const Input<float> input = observations(learner, observation, "observation");
-  py::array_t<float> action(action_shape(learner, {static_cast<py::ssize_t>(input.rows())}));
-  const std::span<float> out(action.mutable_data(), static_cast<std::size_t>(action.size()));
-  released([&] { learner.predict(input, out); });
-  return action;
+  Shape shape{static_cast<py::ssize_t>(input.rows())};
+  shape.insert(shape.end(), row.begin(), row.end());
+  py::array_t<float> array(shape);
+  const std::span<float> out(array.mutable_data(), static_cast<std::size_t>(array.size()));
+  released([&] { (learner.*kFill)(input, out); });
+  return array;
+}
+
+py::array_t<float> predict(const Learner& learner, const py::object& observation) {
+  return filled<&Learner::predict>(learner, observation, action_shape(learner, {}));
 }
 
 py::array_t<float> sample(Learner& learner, const py::object& observation) {
-  const Input<float> input = observations(learner, observation, "observation");
-  py::array_t<float> action(action_shape(learner, {static_cast<py::ssize_t>(input.rows())}));
-  const std::span<float> out(action.mutable_data(), static_cast<std::size_t>(action.size()));
-  released([&] { learner.sample(input, out); });
-  return action;
+  return filled<&Learner::sample>(learner, observation, action_shape(learner, {}));
 }
 
 py::array_t<float> values(const Learner& learner, const py::object& observation) {
-  const Input<float> input = observations(learner, observation, "observation");
-  py::array_t<float> value(static_cast<py::ssize_t>(input.rows()));
-  const std::span<float> out(value.mutable_data(), static_cast<std::size_t>(value.size()));
-  released([&] { learner.values(input, out); });
-  return value;
+  return filled<&Learner::values>(learner, observation, {});
 }
 
 py::array_t<float> act(Learner& learner, int t, const py::object& observation, const py::object& skipped) {
@@ -99,10 +95,7 @@ py::array_t<float> gradient(Learner& learner, const UpdateConfig& config, const 
 }
 
 py::tuple moments_of(const RunningMoments& moments) {
-  const auto array = [](const std::vector<double>& values) {
-    return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
-  };
-  return py::make_tuple(array(moments.mean), array(moments.variance), moments.count);
+  return py::make_tuple(array_of(moments.mean), array_of(moments.variance), moments.count);
 }
 
 using Moments = std::tuple<std::vector<double>, std::vector<double>, double>;
@@ -121,18 +114,6 @@ void register_learner(py::module_& module) {
       PyErr_SetString(PyExc_FloatingPointError, error.what());
     }
   });
-  py::class_<UpdateReport>(module, "UpdateReport")
-      .def_readonly("policy_gradient_loss", &UpdateReport::policy_gradient_loss)
-      .def_readonly("value_loss", &UpdateReport::value_loss)
-      .def_readonly("entropy_loss", &UpdateReport::entropy_loss)
-      .def_readonly("clip_fraction", &UpdateReport::clip_fraction)
-      .def_readonly("approx_kl", &UpdateReport::approx_kl)
-      .def_readonly("loss", &UpdateReport::loss)
-      .def_readonly("explained_variance", &UpdateReport::explained_variance)
-      .def_readonly("std", &UpdateReport::std)
-      .def_readonly("epochs", &UpdateReport::epochs)
-      .def_readonly("stopped_early", &UpdateReport::stopped_early)
-      .def_readonly("is_finite", &UpdateReport::is_finite);
   using Array = std::span<const float> (Learner::*)() const;
   py::class_<Learner> cls(module, "Learner");
   cls.def(py::init([](NetworkConfig config, int num_threads, std::uint64_t seed) {
@@ -182,11 +163,7 @@ void register_learner(py::module_& module) {
           py::arg("observation"), py::arg("returns"))
       .def("predict", &predict, py::arg("observation"))
       .def_property(
-          "discounted_returns",
-          [](const Learner& learner) {
-            const auto values = learner.discounted_returns();
-            return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
-          },
+          "discounted_returns", [](const Learner& learner) { return array_of(learner.discounted_returns()); },
           [](Learner& learner, const std::vector<double>& values) { learner.set_discounted_returns(values); })
       .def("sample", &sample, py::arg("observation"))
       .def("values", &values, py::arg("observation"))

@@ -95,6 +95,24 @@ Viewed<typename List::value_type::Readings> first_arrays(const py::object& self,
   return {batch.readings<typename List::value_type::Readings>(), memory_of(self)};
 }
 
+template <class View>
+void add_configs(py::class_<View>& cls) {
+  cls.def_property_readonly("config", [](const View& sensor) { return sensor.config(); })
+      .def(
+          "config_of",
+          [](const View& sensor, std::int64_t index) {
+            return in_turn(sensor.batch(), [&] { return sensor.facet().config(drone_at(sensor.batch(), index)); });
+          },
+          py::arg("index"));
+}
+
+template <class Change, class Facet>
+void set_sensor(Batch& batch, Facet sensor, const py::object& mask, const py::kwargs& fields, const char* callee) {
+  const auto m = flags(mask, "mask", num_drones(batch));
+  const auto change = change_of<Change>(fields, callee);
+  released(batch, [&] { sensor.set(change, m); });
+}
+
 }  // namespace
 
 void add_sensors(BatchClass& cls) {
@@ -129,19 +147,13 @@ std::string describe_sensors(const BatchConfig& config) {
 void add_lidars(py::module_& module, BatchClass& batch_cls) {
   py::class_<LidarView> cls(module, "Lidar", "One LiDAR of every drone of a batch.");
   add_arrays<LidarReadings, &readings_of>(cls);
-  cls.def_property_readonly("config", [](const LidarView& lidar) { return lidar.config(); })
-      .def(
-          "config_of",
-          [](const LidarView& lidar, std::int64_t index) {
-            return in_turn(lidar.batch(), [&] { return lidar.facet().config(drone_at(lidar.batch(), index)); });
-          },
-          py::arg("index"))
-      .def_property_readonly("directions",
-                             [](const LidarView& lidar) {
-                               const auto all =
-                                   static_cast<void (Batch::Lidar::*)(std::span<float>) const>(&Batch::Lidar::directions);
-                               return per_ray(lidar, all);
-                             })
+  add_configs(cls);
+  cls.def_property_readonly("directions",
+                            [](const LidarView& lidar) {
+                              const auto all =
+                                  static_cast<void (Batch::Lidar::*)(std::span<float>) const>(&Batch::Lidar::directions);
+                              return per_ray(lidar, all);
+                            })
       .def_property_readonly("points", [](const LidarView& lidar) {
         lidar.facet().require_scan();
         return per_ray(lidar, &Batch::Lidar::points);
@@ -161,10 +173,7 @@ void add_lidars(py::module_& module, BatchClass& batch_cls) {
       .def(
           "set_lidar",
           [](Batch& batch, const py::object& mask, const std::optional<std::string>& lidar, const py::kwargs& fields) {
-            const std::size_t index = batch.lidar(lidar.value_or("")).index();
-            const auto m = flags(mask, "mask", num_drones(batch));
-            const auto change = change_of<LidarChange>(fields, "set_lidar");
-            released(batch, [&] { batch.lidar(index).set(change, m); });
+            set_sensor<LidarChange>(batch, batch.lidar(lidar.value_or("")), mask, fields, "set_lidar");
           },
           py::arg("mask") = py::none(), py::arg("lidar") = py::none());
 }
@@ -172,21 +181,15 @@ void add_lidars(py::module_& module, BatchClass& batch_cls) {
 void add_cameras(py::module_& module, BatchClass& batch_cls) {
   py::class_<CameraView> cls(module, "Camera", "One camera of every drone of a batch.");
   add_arrays<CameraImages, &images_of>(cls);
-  cls.def_property_readonly("config", [](const CameraView& camera) { return camera.config(); })
-      .def(
-          "config_of",
-          [](const CameraView& camera, std::int64_t index) {
-            return in_turn(camera.batch(), [&] { return camera.facet().config(drone_at(camera.batch(), index)); });
-          },
-          py::arg("index"))
-      .def(
-          "jpeg",
-          [](const CameraView& camera, std::int64_t index, int quality) {
-            std::string file;
-            released(camera.batch(), [&] { file = camera.facet().jpeg(drone_at(camera.batch(), index), quality); });
-            return py::bytes(file);
-          },
-          py::arg("index"), py::arg("quality") = 90)
+  add_configs(cls);
+  cls.def(
+         "jpeg",
+         [](const CameraView& camera, std::int64_t index, int quality) {
+           std::string file;
+           released(camera.batch(), [&] { file = camera.facet().jpeg(drone_at(camera.batch(), index), quality); });
+           return py::bytes(file);
+         },
+         py::arg("index"), py::arg("quality") = 90)
       .def(
           "save_frames",
           [](const py::object& camera, const py::object& folder, const py::object& indices, const py::object& outputs) {
@@ -219,10 +222,7 @@ void add_cameras(py::module_& module, BatchClass& batch_cls) {
       .def(
           "set_camera",
           [](Batch& batch, const py::object& mask, const std::optional<std::string>& camera, const py::kwargs& fields) {
-            const std::size_t index = camera_of(batch, camera);
-            const auto m = flags(mask, "mask", num_drones(batch));
-            const auto change = change_of<CameraChange>(fields, "set_camera");
-            released(batch, [&] { batch.camera(index).set(change, m); });
+            set_sensor<CameraChange>(batch, batch.camera(camera.value_or("")), mask, fields, "set_camera");
           },
           py::arg("mask") = py::none(), py::arg("camera") = py::none())
       .def(

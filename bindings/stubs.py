@@ -13,7 +13,8 @@ None by default, and "Arguments[A]" by arguments, of which the first is required
 sensors that it defines no property for. The parameters of a class in _core._arguments end with these arguments.
 
 Without --stub, it writes the parts of docs/ between "<!-- arrays of A, B -->" and "<!-- end of arrays -->", "<!--
-fields of A -->" and "<!-- end of fields -->", and the whole of envs/flockstep/env_keywords.py and client/changes.py.
+fields of A -->" and "<!-- end of fields -->", and the whole of envs/flockstep/env_keywords.py, client/changes.py and
+learning/arguments.py.
 """
 
 from __future__ import annotations
@@ -34,8 +35,6 @@ _core: Any = importlib.import_module("_core" if "--stub" in sys.argv else "flock
 
 ROOT = Path(__file__).resolve().parents[1]
 TEMPLATE = ROOT / "bindings" / "core.pyi"
-ENV_KEYWORDS = ROOT / "envs" / "flockstep" / "env_keywords.py"
-CHANGES = ROOT / "envs" / "flockstep" / "client" / "changes.py"
 DOCUMENTS = sorted((ROOT / "docs").rglob("*.md"))
 MARKED_TABLE = re.compile(r"^<!-- arrays of ([\w, ]+) -->\n.*?^<!-- end of arrays -->\n", re.MULTILINE | re.DOTALL)
 MARKED_FIELDS = re.compile(r"^<!-- fields of (\w+) -->\n.*?^<!-- end of fields -->\n", re.MULTILINE | re.DOTALL)
@@ -110,13 +109,22 @@ def class_body(match: re.Match[str]) -> str:
     return f"{start}{docstring(config, '    ')}\n{named}{attributes}{constructor}"
 
 
+def property_text(name: str, kind: str, doc: str) -> str:
+    """Return a property of a class."""
+    return f'    @property\n    def {name}(self) -> {kind}:\n        """{doc}"""\n'
+
+
 def array_properties(match: re.Match[str]) -> str:
     """Return the properties of a class that view arrays."""
-    return "\n".join(
-        f"    @property\n    def {array['name']}(self) -> {ARRAY_TYPES[array['dtype']]}:\n"
-        f'        """{array["doc"]}"""\n'
-        for array in getattr(_core, match[1])._arrays
-    )
+    arrays = getattr(_core, match[1])._arrays
+    return "\n".join(property_text(array["name"], ARRAY_TYPES[array["dtype"]], array["doc"]) for array in arrays)
+
+
+def results_class(name: str) -> str:
+    """Return a class whose objects only calls return."""
+    fields = getattr(_core, name)._results
+    head = f'    """{getattr(_core, name).__doc__}"""\n\n    __match_args__: ClassVar[tuple[str, ...]]\n'
+    return head + "".join(property_text(field["name"], field["type"], field["about"]) for field in fields)
 
 
 def sensor_lists(template: str) -> str:
@@ -124,7 +132,7 @@ def sensor_lists(template: str) -> str:
     batch = template.partition("\nclass Batch:\n")[2].partition("\nclass ")[0]
     lists = {field["name"]: field["type"].replace("Sequence", "list") for field in fields_of("BatchConfig")}
     return "\n".join(
-        f'    @property\n    def {name}(self) -> {kind}:\n        """{inspect.getdoc(getattr(_core.Batch, name))}"""\n'
+        property_text(name, kind, inspect.getdoc(getattr(_core.Batch, name)) or "")
         for name, kind in lists.items()
         if kind.startswith("list[") and hasattr(_core.Batch, name) and f"    def {name}(" not in batch
     )
@@ -164,11 +172,19 @@ def stub_text() -> str:
     named = set(re.findall(r"^class (\w+)", template, re.MULTILINE))
     classes = [name for name, item in vars(_core).items() if hasattr(item, "_fields") and name not in named]
     made = "".join(f"@final\nclass {name}:\n    # fields of {name}\n\n" for name in classes)
+    results = [name for name, item in vars(_core).items() if hasattr(item, "_results")]
+    made += "".join(f"@final\nclass {name}:\n{results_class(name)}\n" for name in results)
     tasks = " | ".join(config.__name__ for config in _core.engine_tasks.values())
     template = template.replace("# tasks\n", f"_EngineTask: TypeAlias = {tasks}\n")
     template = template.replace("    # lists of sensors\n", sensor_lists(template))
     text = FIELDS.sub(class_body, template.replace("# configurations\n\n", made))
     return STAND_INS.sub(arguments, with_docstrings(ARRAYS.sub(array_properties, text)))
+
+
+def entry(name: str, about: str, width: int = 120) -> str:
+    """Return a parameter of a docstring."""
+    text = textwrap.fill(about, width, initial_indent=" " * 8, subsequent_indent=" " * 8, break_on_hyphens=False)
+    return f"    {name}\n{text}"
 
 
 def types_of(config: Any) -> dict[str, str]:
@@ -210,10 +226,7 @@ def env_keywords() -> str:
     shared = {*_core.batch_keywords} - {*OWN_KEYWORDS}
     of_batch = [argument for argument in _core._arguments["Batch"] if argument["name"] in shared]
     types = {argument["name"]: f"{argument['type']} | None" for argument in of_batch}
-    entries = []
-    for argument in of_batch:
-        text = textwrap.fill(argument["doc"], 112, break_on_hyphens=False)
-        entries.append(f"    {argument['name']}\n" + textwrap.indent(text, " " * 8))
+    entries = [entry(argument["name"], argument["doc"]) for argument in of_batch]
     lists = []
     titles = {config: f"the {name} task" for name, config in _core.engine_tasks.items()}
     for config in (*keywords.CONFIGS.values(), *_core.engine_tasks.values()):
@@ -247,13 +260,88 @@ def changes() -> str:
         text += f'\n\nclass {name}(TypedDict, total=False):\n    """Fields of `{config}` that change.\n\n'
         text += "    Parameters\n    ----------\n"
         for field in fields:
-            about = field["doc"].rpartition(" Default: ")[0]
-            text += f"    {field['name']}\n"
-            text += textwrap.fill(about, 116, initial_indent=" " * 8, subsequent_indent=" " * 8) + "\n"
+            text += entry(field["name"], field["doc"].rpartition(" Default: ")[0], 116) + "\n"
         text += '    """\n\n'
         for field in fields:
             text += f"    {field['name']}: {field['type'].removesuffix(' | None')} | None\n"
     return text
+
+
+ARGUMENTS_TEXT = '''"""The arguments of `PPO`, in the order of Stable-Baselines3; made by bindings/stubs.py."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike
+from typing import TYPE_CHECKING, Any, NoReturn
+
+if TYPE_CHECKING:
+    from flockstep.learning.sb3_models import Schedule
+
+
+class Arguments:
+    """Takes the arguments of `PPO`.
+
+    Parameters
+    ----------
+{entries}
+    """
+
+{types}
+
+    def __init__(
+        self,
+{listed}
+        **unknown: NoReturn,
+    ) -> None:
+        self._set_up(
+{passed}
+            **unknown,
+        )
+
+    def _set_up(self, policy: str, env: Any, **others: Any) -> None:
+        raise NotImplementedError
+
+    __init__.__qualname__ = "PPO.__init__"
+'''
+
+
+def ppo_arguments() -> str:
+    """Return the module learning/arguments: the fields, and what `PPO._set_up` takes besides them."""
+    from stable_baselines3 import PPO as SB3
+
+    from flockstep.learning.ppo import PPO
+    from flockstep.learning.sb3_models import SCHEDULES
+
+    fields = {field["name"]: field for config in ("RolloutConfig", "UpdateConfig") for field in fields_of(config)}
+    types = {name: field["type"] for name, field in fields.items()}
+    types |= {name: types[name].replace("float", "Schedule") for name in SCHEDULES}
+    listed = {}
+    _, *own, _ = inspect.signature(PPO._set_up).parameters.values()
+    for argument in own:
+        default = str(argument.replace(annotation=argument.empty)).removeprefix(argument.name).replace("'", '"')
+        listed[argument.name] = f"{argument.name}: {argument.annotation}{default.replace('=', ' = ')}"
+    listed |= {name: f"{name}: {kind} = {fields[name]['default']}" for name, kind in types.items()}
+    positional = [name for name in inspect.signature(SB3).parameters if name in listed]
+    names = [*positional, *(name for name in listed if name not in positional)]
+    fields = {name: fields[name] for name in names if name in fields}
+    lines = [f"        {listed[name]}," for name in names]
+    lines.insert(len(positional), "        *,")
+    more = " A number, or a function of the remaining share of the training, which falls from 1 to 0."
+    return ARGUMENTS_TEXT.format(
+        entries="\n".join(entry(name, fields[name]["about"] + more * (name in SCHEDULES)) for name in fields),
+        types="\n".join(f"    {name}: {types[name]}" for name in fields),
+        listed="\n".join(lines),
+        passed="\n".join(f"            {name}={name}," for name in names),
+    )
+
+
+PACKAGE = ROOT / "envs" / "flockstep"
+MADE = {
+    PACKAGE / "env_keywords.py": env_keywords,
+    PACKAGE / "client" / "changes.py": changes,
+    PACKAGE / "learning" / "arguments.py": ppo_arguments,
+}
 
 
 def array_table(classes: list[type[Any]]) -> list[str]:
@@ -280,10 +368,8 @@ def renewed(path: Path) -> str:
         table = field_table(fields_of(match[1]))
         return "\n".join([f"<!-- fields of {match[1]} -->", *table, "<!-- end of fields -->", ""])
 
-    if path == ENV_KEYWORDS:
-        return env_keywords()
-    if path == CHANGES:
-        return changes()
+    if path in MADE:
+        return MADE[path]()
     text = path.read_text(encoding="utf-8")
     return MARKED_TABLE.sub(replace_table, MARKED_FIELDS.sub(replace_fields, text))
 
@@ -294,4 +380,4 @@ if __name__ == "__main__":
     else:
         from renew import renew  # beside this file
 
-        renew({path: renewed(path) for path in (ENV_KEYWORDS, CHANGES, *DOCUMENTS)})
+        renew({path: renewed(path) for path in (*MADE, *DOCUMENTS)})

@@ -14,11 +14,6 @@
 namespace flockstep::bindings {
 namespace {
 
-template <class T>
-py::array_t<T> column(const std::vector<T>& values) {
-  return py::array_t<T>(static_cast<py::ssize_t>(values.size()), values.data());
-}
-
 py::array_t<float> boxes(const std::vector<Aabb>& list) {
   py::array_t<float> array({static_cast<py::ssize_t>(list.size()), py::ssize_t{2}, py::ssize_t{3}});
   float* out = array.mutable_data();
@@ -31,11 +26,7 @@ py::array_t<float> boxes(const std::vector<Aabb>& list) {
 
 std::vector<Vec3> points_of(const py::object& object, const char* field) {
   if (py::isinstance<py::sequence>(object) && py::len(object) == 0) return {};
-  const Input<float> input = floats(object, field, {-1, 3});
-  const std::span<const float> values = input;
-  std::vector<Vec3> points;
-  for (std::size_t i = 0; i < values.size(); i += 3) points.emplace_back(values[i], values[i + 1], values[i + 2]);
-  return points;
+  return points_of(floats(object, field, {-1, 3}));
 }
 
 std::optional<Vec3> point_of(const py::object& object, const char* field) {
@@ -56,14 +47,14 @@ py::dict object_list(const World& world) {
   const ObjectList list = released([&] { return objects(world); });
   py::dict result;
   result["boxes"] = boxes(list.boxes);
-  result["materials"] = column(list.materials);
+  result["materials"] = array_of(list.materials);
   std::vector<std::uint8_t> visible, solid;
   for (const Visibility visibility : list.visibility) {
     visible.push_back(is_visible(visibility));
     solid.push_back(is_solid(visibility));
   }
-  result["visible"] = column(visible).attr("astype")("bool");
-  result["solid"] = column(solid).attr("astype")("bool");
+  result["visible"] = array_of(visible).attr("astype")("bool");
+  result["solid"] = array_of(solid).attr("astype")("bool");
   return result;
 }
 
@@ -72,8 +63,8 @@ py::dict cloud(const World& world, float spacing_m) {
   py::dict result;
   result["points"] = rows(cloud.points);
   result["normals"] = rows(cloud.normals);
-  result["semantic"] = column(cloud.semantic);
-  result["objects"] = column(cloud.objects);
+  result["semantic"] = array_of(cloud.semantic);
+  result["objects"] = array_of(cloud.objects);
   return result;
 }
 
@@ -168,10 +159,7 @@ py::object plan_path(const py::object& given_world, const py::object& start, con
   const Input<float> start_input = floats(start, "start", {3});
   if (!start_input.given()) throw py::value_error("start: expected an array of real numbers, got None");
   const std::span<const float> from = start_input;
-  const Input<float> goal_input = floats(goals, "goals", {-1, 3});
-  const std::span<const float> over = goal_input;
-  std::vector<Vec3> points;
-  for (std::size_t i = 0; i < over.size(); i += 3) points.emplace_back(over[i], over[i + 1], over[i + 2]);
+  const std::vector<Vec3> points = points_of(floats(goals, "goals", {-1, 3}));
   const DroneModel model = drone_argument(drone);
   const Vec3 first(from[0], from[1], from[2]);
   Progress report;

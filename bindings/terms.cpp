@@ -80,7 +80,7 @@ struct Scans {
     max_range_m = batch.lidar().readings().max_range_m;
   }
   std::span<const float> of(std::size_t drone) const { return all.subspan(drone * rays, rays); }
-  task::Clearance clearance(std::size_t drone) const { return task::clearance_of(of(drone), max_range_m[drone]); }
+  task::ScanClearance clearance(std::size_t drone) const { return task::clearance_of(of(drone), max_range_m[drone]); }
 
   std::size_t rays;
   std::span<const float> all;

@@ -151,12 +151,12 @@ py::dict raycast(const World& world, const py::object& origins, const py::object
   const Input<float> along = floats(directions, "directions", {-1, 3});
   const RayHits hits = released([&] { return flockstep::raycast(world, from, along, max_range_m); });
   py::dict result;
-  result["t_hit"] = py::array_t<float>(static_cast<py::ssize_t>(hits.t_hit.size()), hits.t_hit.data());
+  result["t_hit"] = array_of(hits.t_hit);
   result["normal"] = rows(hits.normal);
-  result["u"] = py::array_t<float>(static_cast<py::ssize_t>(hits.u.size()), hits.u.data());
-  result["v"] = py::array_t<float>(static_cast<py::ssize_t>(hits.v.size()), hits.v.data());
-  result["primitive"] = py::array_t<std::int32_t>(static_cast<py::ssize_t>(hits.primitive.size()), hits.primitive.data());
-  result["material"] = py::array_t<std::int32_t>(static_cast<py::ssize_t>(hits.material.size()), hits.material.data());
+  result["u"] = array_of(hits.u);
+  result["v"] = array_of(hits.v);
+  result["primitive"] = array_of(hits.primitive);
+  result["material"] = array_of(hits.material);
   return result;
 }
 
@@ -171,14 +171,12 @@ py::dict mesh(const World& world, float chord_error_m) {
   py::array_t<float> uv({count(mesh.uv), py::ssize_t{2}});
   float* place = uv.mutable_data();
   for (const auto& pair : mesh.uv) place = std::copy(pair.begin(), pair.end(), place);
-  py::array_t<std::int32_t> materials(count(mesh.materials));
-  std::copy(mesh.materials.begin(), mesh.materials.end(), materials.mutable_data());
   py::dict result;
   result["vertices"] = rows(mesh.vertices);
   result["triangles"] = triangles;
   result["uv"] = uv;
-  result["materials"] = materials;
-  result["objects"] = py::array_t<std::int32_t>(count(objects), objects.data());
+  result["materials"] = array_of(std::vector<std::int32_t>(mesh.materials.begin(), mesh.materials.end()));
+  result["objects"] = array_of(objects);
   return result;
 }
 

@@ -87,8 +87,26 @@ void register_world_builder(py::module_& module) {
   const py::kw_only keywords;
   const auto seen = py::arg("visible").noconvert() = true;
   const auto hit = py::arg("solid").noconvert() = true;
-  py::class_<WorldBuilder>(module, "WorldBuilder")
-      .def(py::init<std::string>(), py::arg("name") = "unnamed")
+  py::class_<WorldBuilder> cls(module, "WorldBuilder");
+  using Round = void (WorldBuilder::*)(const Vec3&, float, float, std::uint16_t, const Quat&, Visibility);
+  const auto add_round = [&](const char* name, Round add) {
+    cls.def(
+        name,
+        [add](WorldBuilder& b, const py::object& center, float radius, float height, std::uint16_t material, const py::object& q,
+              bool visible, bool solid) {
+          (b.*add)(point(center, "center"), radius, height, material, rotation(q), visibility(visible, solid));
+        },
+        py::arg("center"), py::arg("radius"), py::arg("height"), wall, turned, keywords, seen, hit);
+  };
+  add_round("cylinder", &WorldBuilder::cylinder);
+  add_round("capsule", &WorldBuilder::capsule);
+  const auto add_marker = [&](const char* name, void (WorldBuilder::*add)(const Vec3&)) {
+    cls.def(name, [add](WorldBuilder& b, const py::object& place) { (b.*add)(point(place, "place")); }, py::arg("place"));
+  };
+  add_marker("start", &WorldBuilder::start);
+  add_marker("waypoint", &WorldBuilder::waypoint);
+  add_marker("goal", &WorldBuilder::goal);
+  cls.def(py::init<std::string>(), py::arg("name") = "unnamed")
       .def(
           "texture",
           [](WorldBuilder& b, const std::string& name, const py::object& pixels, const std::array<std::string, 2>& wrap) {
@@ -117,20 +135,6 @@ void register_world_builder(py::module_& module) {
             b.box(point(center, "center"), point(size, "size"), material, rotation(q), visibility(visible, solid));
           },
           py::arg("center"), py::arg("size"), wall, turned, keywords, seen, hit)
-      .def(
-          "cylinder",
-          [](WorldBuilder& b, const py::object& center, float radius, float height, std::uint16_t material, const py::object& q,
-             bool visible, bool solid) {
-            b.cylinder(point(center, "center"), radius, height, material, rotation(q), visibility(visible, solid));
-          },
-          py::arg("center"), py::arg("radius"), py::arg("height"), wall, turned, keywords, seen, hit)
-      .def(
-          "capsule",
-          [](WorldBuilder& b, const py::object& center, float radius, float height, std::uint16_t material, const py::object& q,
-             bool visible, bool solid) {
-            b.capsule(point(center, "center"), radius, height, material, rotation(q), visibility(visible, solid));
-          },
-          py::arg("center"), py::arg("radius"), py::arg("height"), wall, turned, keywords, seen, hit)
       .def(
           "sphere",
           [](WorldBuilder& b, const py::object& center, float radius, std::uint16_t material, bool visible, bool solid) {
@@ -176,12 +180,6 @@ void register_world_builder(py::module_& module) {
           py::arg("heights"), wall, py::kw_only(), py::arg("corner") = py::make_tuple(0.0, 0.0), py::arg("cell_m") = 1.0F,
           py::arg("texture_m") = Heightfield().texture_m, seen, hit)
       .def("light", [](WorldBuilder& b, const py::kwargs& fields) { b.light(py::type::of<Light>()(**fields).cast<Light>()); })
-      .def(
-          "start", [](WorldBuilder& b, const py::object& place) { b.start(point(place, "place")); }, py::arg("place"))
-      .def(
-          "waypoint", [](WorldBuilder& b, const py::object& place) { b.waypoint(point(place, "place")); }, py::arg("place"))
-      .def(
-          "goal", [](WorldBuilder& b, const py::object& place) { b.goal(point(place, "place")); }, py::arg("place"))
       .def(
           "spawn_box",
           [](WorldBuilder& b, const py::object& min, const py::object& max) {

@@ -22,6 +22,7 @@ from tqdm import tqdm
 
 import flockstep
 from flockstep.pictures.body import Body
+from flockstep.pictures.depth_canvas import Color
 from flockstep.pictures.drawing import Drawing
 from flockstep.pictures.stage import Stage
 from flockstep.registration import make_by_id
@@ -29,7 +30,7 @@ from flockstep.rotations import rotate
 from flockstep.sb3 import Progress
 from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, Training, judge, train
 from flockstep.trainings.flyers import CLOSE_M
-from tools.film import ALARM, FINER, FPS, INK, PATH, POINT, Color, Flight, flown, tiled, write_captions, write_film
+from tools.film import ALARM, FINER, FPS, INK, PATH, POINT, Flight, flown, smooth, tiled, write_captions, write_film
 from training.board import LEARNED, TimeLimit, verdict_on
 
 Array = npt.NDArray[Any]
@@ -152,8 +153,10 @@ class Panel:
         self._distance_m = np.linalg.norm(gap, axis=1)
         kept = np.minimum(self._distance_m, APART_M)[:, None]
         # Look between drone and point, from far enough, while both fit into the picture; otherwise follow the drone.
-        self._target = smooth(throw.position - 0.35 * kept * gap / np.maximum(self._distance_m, 1e-9)[:, None])
-        self._viewer = self._target + smooth(NEAR_M + 1.2 * kept) * FROM
+        pad: dict[str, Any] = {"mode": "reflect", "reflect_type": "odd"}  # continues the trend
+        target = throw.position - 0.35 * kept * gap / np.maximum(self._distance_m, 1e-9)[:, None]
+        self._target = smooth(target, SMOOTH_S * HZ, **pad)
+        self._viewer = self._target + smooth(NEAR_M + 1.2 * kept, SMOOTH_S * HZ, **pad) * FROM
 
     def frame(self, step: int) -> Image.Image:
         """Return the picture after this many steps, or the last one."""
@@ -177,14 +180,6 @@ class Panel:
         ]
         write_captions(picture, captions)
         return picture
-
-
-def smooth(rows: Array) -> Array:
-    """Return rows (T, K) smoothed over time."""
-    half = round(3 * SMOOTH_S * HZ)
-    weights = np.exp(-0.5 * (np.arange(-half, half + 1) / (SMOOTH_S * HZ)) ** 2)
-    padded = np.pad(rows, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")  # continues the trend
-    return np.stack([np.convolve(column, weights / weights.sum(), "valid") for column in padded.T], axis=1)
 
 
 def draw(args: Args, model: flockstep.PPO, moments: Sequence[Moment]) -> list[float]:

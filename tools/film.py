@@ -24,6 +24,7 @@ Color = tuple[int, int, int]
 FPS = 25
 GIF_COLORS = 64
 FINER = 2  # supersampling factor, for smooth edges
+GRID_M = 2.0
 
 PATH, POINT, INK, ALARM = (35, 90, 210), (20, 140, 60), (20, 20, 20), (200, 40, 20)
 
@@ -124,13 +125,34 @@ def steps_of(envs: flockstep.DroneVectorEnv, model: Any, seed: int) -> Iterator[
     yield observation, ended
 
 
-def write_captions(picture: Image.Image, lines: Sequence[tuple[float, float, str, Color]]) -> None:
+def write_captions(
+    picture: Image.Image, lines: Sequence[tuple[float, float, str, Color]], *, edged: bool = True
+) -> None:
     """Write lines into a picture: distance from the top and height, both for a width of 640; text; color."""
     pen, unit = ImageDraw.Draw(picture), picture.width / 640
-    edge: dict[str, Any] = {"stroke_width": max(round(3 * unit), 1), "stroke_fill": "white"}
+    edge: dict[str, Any] = {"stroke_width": max(round(3 * unit), 1), "stroke_fill": "white"} if edged else {}
     for top, size, text, color in lines:
         font = ImageFont.load_default(max(round(size * unit), 1))
         pen.text((14 * unit, top * unit), text, font=font, fill=color, **edge)
+
+
+def smooth(rows: Array, sigma: float, **pad: Any) -> Array:
+    """Return rows (T, K) smoothed over time, continued beyond the ends by these keywords of `numpy.pad`."""
+    half = round(3 * sigma)
+    weights = np.exp(-0.5 * (np.arange(-half, half + 1) / sigma) ** 2)
+    padded = np.pad(rows, ((half, half), (0, 0)), **pad)
+    return np.stack([np.convolve(column, weights / weights.sum(), "valid") for column in padded.T], axis=1)
+
+
+def add_floor(builder: flockstep.WorldBuilder, low: Array, high: Array, floor: int, grid: int) -> None:
+    """Add a floor (m) with a grid at the height of the lower corner to a world, in these materials."""
+    (left, near, z), (right, far, _) = low, high
+    x, y, width, length = (left + right) / 2, (near + far) / 2, right - left, far - near
+    builder.box((x, y, z - 0.1), (width, length, 0.2), floor)
+    for line in np.arange(left + GRID_M / 2, right, GRID_M):
+        builder.plane((line, y, z + 0.004), (0.03, length), grid)
+    for line in np.arange(near + GRID_M / 2, far, GRID_M):
+        builder.plane((x, line, z + 0.004), (width, 0.03), grid)
 
 
 def tiled(rows: Sequence[Sequence[Image.Image]]) -> Image.Image:

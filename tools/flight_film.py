@@ -14,7 +14,7 @@ above the flight. The drone, the beams and the path shine through pillars.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,16 +23,16 @@ import numpy.typing as npt
 from PIL import Image
 
 import flockstep
-from flockstep.pictures.depth_canvas import DepthCanvas
-from flockstep.pictures.lines import beams_of
+from flockstep.pictures.depth_canvas import DepthCanvas, blended
+from flockstep.pictures.lines import beams_of, draw_beams
 from flockstep.pictures.picture import facing, render
+from flockstep.pictures.style import STYLES
 from flockstep.relight import DARK_LIGHT
-from tools.film import FINER, Frame, Shot
+from tools.film import FINER, Frame, Shot, add_floor, smooth
 from training.evaluate import MAX_STEPS, fly, greedy
 
 Array = npt.NDArray[Any]
 Linear = tuple[float, float, float]
-Draw = Callable[[DepthCanvas], None]
 
 PILLARS = 24
 FPS = 15
@@ -45,10 +45,11 @@ TARGET_M = np.array([0.5, 0.3, 1.2])  # target of the view, relative to the grou
 AWAY_M = np.array([-1.0, -10.5, 11.5])  # viewer, relative to the target
 HFOV_DEG = 46.0
 CUT_M, LOW_M, WALL_M = 3.0, 0.3, 0.12  # height of pillars and far walls, height of near walls, thickness
-GRID_M = 2.0
 ROTOR_Z_M = 0.06  # rotor discs, above the hubs
 GHOST = 0.5  # opacity of the drone behind a pillar
-TRAIL_S, TRAIL_LEAST = 2.5, 0.45  # time until the trail's opacity falls to its least
+THROUGH = 0.25  # opacity of beams and the trail behind a pillar, as a share of the others'
+TRAIL, TRAIL_OPACITY = (30, 12), 0.5  # numbers of the last pictures whose trail is drawn again, over itself
+STYLE = STYLES["dark"]
 
 DRONE = 100  # semantic id
 #: Base colours, linear RGB.
@@ -66,8 +67,6 @@ COLORS: dict[str, Linear] = {
     "goal": (0.05, 0.85, 0.25),
 }
 DRONE_COLORS, MARKER_COLORS = ("body", "arm", "front", "rear"), ("waypoint", "reached", "goal")
-MISS_LEVELS, HIT_LEVEL = (130, 115, 100, 85, 70, 55, 40, 25), 240  # opacity of beams, of 255
-BEAM, HIT, TRAIL = np.array([255, 120, 50]), np.array([255, 215, 120]), np.array([70, 190, 255])
 
 
 @dataclass
@@ -84,14 +83,6 @@ class Shown:
     """Largest distance of the smoothed path to the flown one."""
 
 
-def smooth(rows: Array, sigma: float) -> Array:
-    """Return rows (T, K) smoothed over time, with the first and the last one repeated beyond the ends."""
-    half = round(3 * sigma)
-    weights = np.exp(-0.5 * (np.arange(-half, half + 1) / sigma) ** 2)
-    padded = np.pad(rows, ((half, half), (0, 0)), mode="edge")
-    return np.stack([np.convolve(column, weights / weights.sum(), "valid") for column in padded.T], axis=1)
-
-
 def shown(world: flockstep.World, trail: Array) -> Shown:
     """Return the pictures' content for a flight with these positions (T, 3) m after each step.
 
@@ -100,7 +91,7 @@ def shown(world: flockstep.World, trail: Array) -> Shown:
     RuntimeError
         The smoothed path touches something.
     """
-    line = smooth(trail, SMOOTH_STEPS)
+    line = smooth(trail, SMOOTH_STEPS, mode="edge")
     steps_per_s = SPEED * flockstep.ClockConfig().policy_hz
     times = np.linspace(0, len(line) - 1, round((len(line) - 1) / steps_per_s * FPS) + 1)
     path = np.stack([np.interp(times, np.arange(len(line)), column) for column in line.T], axis=1)
@@ -148,45 +139,19 @@ class Scene:
         # Rotors are rings in one picture and discs in the other. The mean has transparent discs and their shadows.
         rings, discs = (self._taken(self._world(position, reached, discs=discs)) for discs in (False, True))
         drone = self._taken(self._drone_alone(position))
-        rgb, is_drone = discs["rgb"], drone["semantic"] == DRONE
-        is_disc = (discs["semantic"] == DRONE) & (rings["semantic"] != DRONE)
-        blend(rgb, is_disc, rings["rgb"][is_disc], 0.6)
-        is_hidden = is_drone & (rings["semantic"] != DRONE)
-        blend(rgb, is_hidden, drone["rgb"][is_hidden], GHOST)
+        is_drone, is_hidden = drone["semantic"] == DRONE, rings["semantic"] != DRONE
+        rgb = blended(discs["rgb"], rings["rgb"], np.array([0.6]))
+        rgb[is_drone & is_hidden] = blended(rgb, drone["rgb"], np.array([GHOST]))[is_drone & is_hidden]
         origin, ends, hit = flight.beams[index]
-        path = flight.position[: index + 1]
-        age_s = (np.arange(index) - index) / -FPS
-        opacity = 0.95 - (0.95 - TRAIL_LEAST) * np.minimum(age_s / TRAIL_S, 1)
-
-        def beams(canvas: DepthCanvas) -> None:
-            away = ends - origin
-            for part, level in enumerate(MISS_LEVELS):  # a beam without a hit fades out
-                first, last = (origin + away[~hit] * (part + end) / len(MISS_LEVELS) for end in (0, 1))
-                canvas.lines(first, last, (level,) * 3, width_px=FINER + 1)
-            canvas.lines(np.broadcast_to(origin, ends[hit].shape), ends[hit], (HIT_LEVEL,) * 3, width_px=FINER + 1)
-
-        def trail(canvas: DepthCanvas) -> None:
-            for start, end, level in zip(path[:-1], path[1:], np.rint(255 * opacity).astype(int), strict=True):
-                canvas.lines(start, end, (level,) * 3, width_px=4 * FINER)
-
-        def dots(canvas: DepthCanvas) -> None:
-            canvas.dots(ends[hit], (255, 255, 255), size_px=5 * FINER)
-
-        self._draw(rgb, rings["depth"], beams, BEAM, 0.15, ~is_drone)
-        self._draw(rgb, rings["depth"], trail, TRAIL, 0.35, ~is_drone)
-        self._draw(rgb, rings["depth"], dots, HIT, 0.0, ~is_drone)
+        for surfaces, share in ((np.full_like(rings["depth"], np.inf), THROUGH), (rings["depth"], 1.0)):
+            depth = np.where(is_drone, np.float32(0), surfaces)  # nothing is drawn over the drone
+            canvas = DepthCanvas(rgb, depth, self.camera, self.viewer, self.turn, DARK_LIGHT)
+            draw_beams(canvas, STYLE, origin, ends, hit, FINER + 1, share)
+            for pictures in (index, *TRAIL):
+                trail = flight.position[max(index - pictures, 0) : index + 1]
+                canvas.lines(trail[:-1], trail[1:], STYLE.trail, width_px=4 * FINER, opacity=TRAIL_OPACITY * share)
+        canvas.dots(ends[hit], STYLE.hit, size_px=5 * FINER)
         return Image.fromarray(rgb).reduce(FINER)
-
-    def _draw(self, rgb: Array, depth: Array, draw: Draw, color: Array, ghost: float, where: Array) -> None:
-        """Draw lines or dots, whose grey level is their opacity, in one colour; behind surfaces paler by a factor."""
-        alpha = np.zeros(depth.shape, np.float32)
-        for surfaces, factor in ((depth, 1.0), (np.full_like(depth, np.inf), ghost)):
-            if factor > 0:
-                level = np.zeros_like(rgb)
-                draw(DepthCanvas(level, surfaces.copy(), self.camera, self.viewer, self.turn, DARK_LIGHT))
-                alpha = np.maximum(alpha, factor / 255 * level[..., 0])
-        drawn = (alpha > 0) & where
-        blend(rgb, drawn, color, alpha[drawn][:, None])
 
     def _taken(self, world: flockstep.World) -> dict[str, Array]:
         return render(world, self.viewer, self.turn, camera=self.camera)
@@ -201,11 +166,7 @@ class Scene:
         self._add_drone(builder, m, position, discs)
         (left, near, floor), (right, far, _) = self.low, self.high
         x, y, width, length = (left + right) / 2, (near + far) / 2, right - left, far - near
-        builder.box((x, y, floor - 0.1), (width, length, 0.2), m["floor"])
-        for line in np.arange(GRID_M, width, GRID_M):
-            builder.plane((left + line, y, floor + 0.004), (0.03, length), m["grid"])
-        for line in np.arange(GRID_M, length, GRID_M):
-            builder.plane((x, near + line, floor + 0.004), (width, 0.03), m["grid"])
+        add_floor(builder, self.low, self.high, m["floor"], m["grid"])
         for at, height in ((left - WALL_M / 2, LOW_M), (right + WALL_M / 2, CUT_M)):
             builder.box((at, y, floor + height / 2), (WALL_M, length + 2 * WALL_M, height), m["wall"])
         for at, height in ((near - WALL_M / 2, LOW_M), (far + WALL_M / 2, CUT_M)):
@@ -268,12 +229,6 @@ def torus(center: npt.ArrayLike, radius: float, thickness: float) -> tuple[Array
     corner, beside = i * across + j, next_i * across + j
     opposite, above = next_i * across + next_j, i * across + next_j
     return vertices, np.concatenate([np.stack([corner, beside, opposite], 1), np.stack([corner, opposite, above], 1)])
-
-
-def blend(rgb: Array, where: Array, color: Array, opacity: Array | float) -> None:
-    """Blend a colour, or one for each, over the pixels of a mask (H, W)."""
-    below = rgb[where].astype(np.float32)
-    rgb[where] = np.rint(below + opacity * (color - below))
 
 
 def frames(shot: Shot) -> Iterator[Frame]:

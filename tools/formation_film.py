@@ -17,8 +17,8 @@ from PIL import Image, ImageDraw
 
 import flockstep
 from flockstep.pictures.body import Body
-from flockstep.pictures.depth_canvas import DepthCanvas
-from flockstep.pictures.picture import FARTHEST_M, facing
+from flockstep.pictures.picture import FARTHEST_M
+from flockstep.pictures.stage import Stage
 from flockstep.rotations import rotate
 from flockstep.trainings.table import FORMATION_STEPS
 from tools.film import FINER, INK, Color, Frame, Shot, steps_of, write_captions
@@ -30,7 +30,6 @@ EVERY = 6  # steps from picture to picture
 HOLD_MS = 1500  # the last picture
 BEHIND_M, ABOVE_M = 4.5, 0.6  # of the viewer, from the middle of the formation
 CLEAR_M = 0.4  # of the viewer, below obstacles
-HFOV_DEG = 75.0
 TRAIL_M = 6.0  # seen from behind
 MAP_FROM_M = 100.0  # height of the viewer of the map
 CUT_M = 0.7  # of the map, above the highest drone
@@ -78,8 +77,8 @@ class Behind:
     """Draws the drones and their trails from behind and above the formation."""
 
     def __init__(self, flight: Flight, inks: list[Color], size_px: tuple[int, int]) -> None:
-        self.flight, self.inks, self.size_px = flight, inks, size_px
-        self.world = flight.world.with_markers()
+        self.flight, self.inks, self.world = flight, inks, flight.world
+        self.stage = Stage(flight.world, 1.0, size_px, FINER**2, markers=())
         self.body = Body(flight.drone)
         middle = flight.position.mean(axis=1)
         self.way = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(middle, axis=0), axis=1))])
@@ -107,22 +106,11 @@ class Behind:
 
     def frame(self, step: int) -> Image.Image:
         """Draw one picture."""
-        flight, width, height = self.flight, *self.size_px
+        flight = self.flight
         viewer = self.viewer(self.way[step] - BEHIND_M)
-        turn = facing(viewer, self.along(self.way[step] + 1.0, 1.0).mean(axis=0)).astype(float)
-        camera = flockstep.CameraConfig(
-            width_px=width,
-            height_px=height,
-            hfov_deg=HFOV_DEG,
-            near_m=0.1,
-            far_m=FARTHEST_M,
-            outputs=("rgb", "depth"),
-            samples_per_pixel=FINER**2,
-            shadows=True,
-        )
+        target = self.along(self.way[step] + 1.0, 1.0).mean(axis=0)
         drones = [self.body.at(*pose) for pose in zip(flight.position[step], flight.quat_wxyz[step], strict=True)]
-        taken = flockstep.render(self.world, viewer, turn, camera=camera, bodies=drones)
-        canvas = DepthCanvas(taken["rgb"], taken["depth"], camera, viewer, turn, self.world.light, FINER)
+        canvas = self.stage.seen_from(viewer, target, drones)
         recent = self.way[: step + 1] > self.way[step] - TRAIL_M
         for m, ink in enumerate(self.inks):
             trail = flight.position[: step + 1, m][recent]

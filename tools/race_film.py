@@ -14,16 +14,16 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
 import flockstep
 from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import DepthCanvas
-from flockstep.pictures.picture import facing, render
+from flockstep.pictures.stage import Stage
 from flockstep.relight import DARK_LIGHT
 from flockstep.rotations import rotate
 from flockstep.trainings.table import LAPS
-from tools.film import FINER, Color, Frame, Shot, steps_of
+from tools.film import FINER, Color, Frame, Shot, add_floor, steps_of, write_captions
 from tools.flight_film import beside
 
 Array = npt.NDArray[Any]
@@ -35,7 +35,6 @@ HOLD_MS = 1500  # the last picture
 ENLARGED = 2.2  # size of the drawn drone, over that of the model
 VIEWER_M, TARGET_M, HFOV_DEG = np.array([-1.0, -17.5, 12.5]), np.array([0.0, -0.7, 1.6]), 58.0
 TRAIL_S, SHADOW_S = 2.2, 0.5  # older parts of the trail and of its shadow are not drawn
-GRID_M = 2.0
 COLORS: dict[str, tuple[float, float, float]] = {
     "floor": (0.020, 0.028, 0.045),
     "grid": (0.035, 0.048, 0.075),
@@ -91,18 +90,9 @@ class Scene:
         batch = flockstep.DroneVectorEnv(1, task=flockstep.RaceConfig(), worlds=TRACK).batch
         self.world = batch.worlds[0]
         self.gates = list(self.world.gates)
-        self.turn = facing(VIEWER_M, TARGET_M).astype(float)
-        width, height = size_px
-        self.camera = flockstep.CameraConfig(
-            width_px=width,
-            height_px=height,
-            hfov_deg=HFOV_DEG,
-            outputs=("rgb", "depth"),
-            samples_per_pixel=FINER**2,
-            shadows=True,
-        )
+        self.size_px = size_px
         self.body = Body(enlarged(batch.drone))
-        self.worlds: dict[int, flockstep.World] = {}  # by the index of the next gate
+        self.stages: dict[int, Stage] = {}  # by the index of the next gate
 
     def picture(self, flight: Flight, step: int) -> Image.Image:
         """Return the drone after this many steps, and its trail."""
@@ -121,22 +111,16 @@ class Scene:
     def canvas(self, flight: Flight, step: int) -> DepthCanvas:
         """Return the track with the drone to draw into, with the next gate in green."""
         following = (flight.first + int(flight.passed[step])) % len(self.gates)
-        if following not in self.worlds:
-            self.worlds[following] = self._drawn(following)
-        world, drone = self.worlds[following], self.body.at(flight.position[step], flight.quat_wxyz[step])
-        taken = render(world, VIEWER_M, self.turn, camera=self.camera, bodies=[drone])
-        return DepthCanvas(taken["rgb"], taken["depth"], self.camera, VIEWER_M, self.turn, world.light, FINER)
+        if following not in self.stages:
+            self.stages[following] = Stage(self._drawn(following), 1.0, self.size_px, FINER**2, hfov_deg=HFOV_DEG)
+        drone = self.body.at(flight.position[step], flight.quat_wxyz[step])
+        return self.stages[following].seen_from(VIEWER_M, TARGET_M, [drone])
 
     def _drawn(self, following: int) -> flockstep.World:
         builder = flockstep.WorldBuilder("film")
         builder.light(**DARK_LIGHT)
         m = {name: builder.material(name, color, emissive=glow(name, color)) for name, color in COLORS.items()}
-        (left, near, _), (right, far, _) = np.asarray(self.world.bounds, float)
-        builder.box((0, 0, -0.1), (right - left, far - near, 0.2), m["floor"])
-        for line in np.arange(left + GRID_M / 2, right, GRID_M):
-            builder.plane((line, 0, 0.004), (0.03, far - near), m["grid"])
-        for line in np.arange(near + GRID_M / 2, far, GRID_M):
-            builder.plane((0, line, 0.004), (right - left, 0.03), m["grid"])
+        add_floor(builder, *(np.asarray(self.world.bounds, float) * [1, 1, 0]), m["floor"], m["grid"])
         for index, gate in enumerate(self.gates):
             color = "next" if index == following else "start" if index == 0 else "gate"
             center = np.asarray(gate["center"], float)
@@ -178,12 +162,8 @@ def captioned(scene: Scene, flight: Flight, step: int) -> Image.Image:
             lines.append((14, f"lap {index + 1}: {(end - begin) / POLICY_HZ:.2f} s{note}", INK))
     if step == len(flight.position) - 1 and not flight.success:
         lines.append((14, "crashed", ALARM))
-    pen, unit = ImageDraw.Draw(picture), picture.width / 640
-    top = 12.0
-    for size, text, color in lines:
-        font = ImageFont.load_default(max(round(size * unit), 1))
-        pen.text((16 * unit, top * unit), text, font=font, fill=color)
-        top += 1.35 * size
+    tops = 12 + 1.35 * np.cumsum([0, *(size for size, _, _ in lines)])
+    write_captions(picture, [(top, *line) for top, line in zip(tops, lines, strict=False)], edged=False)
     return picture
 
 

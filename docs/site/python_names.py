@@ -62,11 +62,14 @@ def copy_package(app: Sphinx) -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", node)]
             defined.update(getattr(target, "id", getattr(target, "name", "")) for target in targets)
-    env = COPY / "vector_env.py"
-    fields = (COPY / "env_keywords.py").read_text(encoding="utf-8").partition("----------\n")[2]
-    fields = fields.partition('\n    """')[0]
-    text = env.read_text(encoding="utf-8").replace("\n\n    Attributes\n", f"\n{fields}\n\n    Attributes\n", 1)
-    env.write_text(text, encoding="utf-8")  # as its docstring is at run time
+    for owner, made, after in (
+        ("vector_env.py", "env_keywords.py", "Attributes"),
+        ("learning/ppo.py", "learning/arguments.py", "Raises"),
+    ):
+        fields = (COPY / made).read_text(encoding="utf-8").partition("----------\n")[2].partition('\n    """')[0]
+        text = (COPY / owner).read_text(encoding="utf-8")
+        text = text.replace(f"\n\n    {after}\n", f"\n{fields}\n\n    {after}\n", 1)
+        (COPY / owner).write_text(text, encoding="utf-8")  # as its docstring is at run time
     package = COPY / "__init__.py"
     text = package.read_text(encoding="utf-8")
     assignment = "register_task = registration.register_task"

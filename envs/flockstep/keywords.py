@@ -242,10 +242,17 @@ def show_keywords(env: type) -> tuple[str, ...]:
     """Show the fields among the keywords of an env in its signature and docstring; return the names of the others."""
     init: Any = env.__init__  # type: ignore[misc] # of the class, on purpose
     own = len(inspect.signature(init).parameters) - 1
-    init.__signature__, about = with_keywords(inspect.signature(init), EnvKeywords)
-    if env.__doc__:
-        env.__doc__ = env.__doc__.replace("\n\n    Attributes\n", f"\n{about}\n\n    Attributes\n", 1)
+    init.__signature__, _ = with_keywords(inspect.signature(init), EnvKeywords)
+    add_parameters(env, EnvKeywords, before="Attributes")
     return tuple(init.__signature__.parameters)[1:own]
+
+
+def add_parameters(cls: type, listed: type, before: str) -> None:
+    """Add the parameters that another class documents to a docstring, in front of a section."""
+    if cls.__doc__ and listed.__doc__:  # neither with python -OO
+        head, found, rest = inspect.cleandoc(cls.__doc__).partition(f"\n\n{before}\n-")
+        about = inspect.cleandoc(listed.__doc__).partition("----------\n")[2]
+        cls.__doc__ = f"{head}\n{about}{found}{rest}"
 
 
 def with_keywords(signature: inspect.Signature, keywords: type[Any]) -> tuple[inspect.Signature, str]:

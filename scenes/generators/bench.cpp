@@ -19,7 +19,7 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 constexpr float kSide = 24.0F;                   // m
-constexpr int kStepsAround = 40, kStepsUp = 38;  // of a mesh
+constexpr int kStepsAround = 40, kStepsUp = 38;  // vertices of a mesh
 
 using Rgb = std::array<double, 3>;  // sRGB in [0, 255]
 

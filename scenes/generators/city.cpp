@@ -3,7 +3,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <optional>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -59,11 +58,7 @@ class City {
     lay_lane();
   }
 
-  std::vector<Vec3> lane() const {
-    std::vector<Vec3> points;
-    for (const Vec3d& point : lane_) points.push_back(point.cast<float>());
-    return points;
-  }
+  std::vector<Vec3> lane() const { return rounded(lane_); }
 
   // Lets cars drive around blocks, clockwise on the lane beside them: on the right.
   void drive(const World& city, Movers& movers) const {

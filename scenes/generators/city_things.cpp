@@ -1,7 +1,6 @@
 #include "generators/city_things.hpp"
 
 #include <array>
-#include <cmath>
 #include <vector>
 
 #include "generators/city_surfaces.hpp"

@@ -1,6 +1,5 @@
 // Generates forests: trees and rocks on rolling terrain, all as meshes.
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <optional>
@@ -46,11 +45,7 @@ class Forest {
     lay_lane();
   }
 
-  std::vector<Vec3> lane() const {
-    std::vector<Vec3> points;
-    for (const Vec3d& point : lane_) points.push_back(point.cast<float>());
-    return points;
-  }
+  std::vector<Vec3> lane() const { return rounded(lane_); }
 
   // Returns nullopt if a tree finds no free place.
   std::optional<WorldBuilder> grown() {

@@ -1,10 +1,9 @@
 #include "generators/forest_surfaces.hpp"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstddef>
-#include <optional>
+
+#include "world/tessellate.hpp"
 
 namespace flockstep {
 namespace {
@@ -190,19 +189,7 @@ void ForestSurfaces::color_rock(MeshPart& part, const Vec3d& center, const Vec3d
 
 MeshPart ForestSurfaces::ground(const Heightfield& field, const std::vector<Shade>& trees) {
   constexpr Color kLitter{0.8F, 0.62F, 0.5F};
-  MeshPart part;
-  for (int row = 0; row < field.rows; ++row) {
-    for (int column = 0; column < field.columns; ++column) {
-      const auto x = static_cast<float>(column), y = static_cast<float>(row);
-      part.vertices.emplace_back(x, y, field.heights[part.vertices.size()]);
-      part.uv.push_back({x / field.texture_m, -y / field.texture_m});
-      if (row == 0 || column == 0) continue;
-      const auto here = static_cast<std::int32_t>(part.vertices.size()) - 1;
-      const std::int32_t left = here - 1, below = here - field.columns;
-      part.triangles.push_back({left - field.columns, below, here});
-      part.triangles.push_back({left - field.columns, here, left});
-    }
-  }
+  MeshPart part = grid_of(field);
   std::vector<double> bare(part.vertices.size(), 0.0);
   for (const auto& [at, reach] : trees) {
     const auto clamped = [](double value, int count) { return std::clamp(static_cast<int>(value), 0, count - 1); };

@@ -137,14 +137,7 @@ class Office {
     light.zenith_color = {0.22F, 0.45F, 0.82F};
     light.horizon_color = {0.85F, 0.92F, 1.0F};
     builder_.light(light);
-    const Vec3 start = lane().front(), reach = Vec3::Constant(static_cast<float>(kSpawnReach));
-    builder_.start(start);
-    builder_.goal(lane().back());
-    if (config_.waypoints) {
-      const std::vector<Vec3> way = lane();
-      for (std::size_t i = 1; i + 1 < way.size(); ++i) builder_.waypoint(way[i]);
-    }
-    builder_.spawn_box({start - reach, start + reach});
+    mark_lane(builder_, lane(), kSpawnReach, config_.waypoints);
     return builder_;
   }
 
@@ -531,42 +524,40 @@ class Office {
            std::none_of(hung_[room_].begin(), hung_[room_].end(), is_in_the_way);
   }
 
-  // Reserves a free place with its back to a wall, for a piece `high` m tall.
-  std::optional<Spot> against_wall(double across, double deep, double high) {
+  // Finds a free place on a wall for something between two heights. gap: to the ends of the wall; margin: to what else hangs
+  // there. accepts(spot) may move it.
+  template <class Accepts>
+  std::optional<Spot> on_free_wall(double across, double gap, double margin, double low, double high, const Accepts& accepts) {
     const Rect in = room().inside();
     for (int i = 0; i < 16; ++i) {
       const Side side = kSides[static_cast<std::size_t>(draws_.below(4))];
       const int axis = is_along_x(side) ? 0 : 1;
-      const double low = in.low[axis] + 0.5 * across + 0.04, top = in.high[axis] - 0.5 * across - 0.04;
-      if (top < low) continue;
-      const double along = draws_.uniform(low, top);
-      if (!is_wall_free(side, along - 0.5 * across, along + 0.5 * across, 0.0, high)) continue;
+      const double first = in.low[axis] + 0.5 * across + gap, last = in.high[axis] - 0.5 * across - gap;
+      if (last < first) continue;
+      const double along = draws_.uniform(first, last);
+      const double from = along - 0.5 * across - margin, to = along + 0.5 * across + margin;
+      if (!is_wall_free(side, from, to, low, high)) continue;
       Spot spot = on_wall(in, side, along);
-      spot.at += (0.5 * deep + 0.03) * spot.facing;
-      if (!take(spot, across, deep)) continue;
-      hung_[room_].push_back({side, along - 0.5 * across, along + 0.5 * across, 0.0, high, false});
+      if (!accepts(spot)) continue;
+      hung_[room_].push_back({side, from, to, low, high, false});
       return spot;
     }
     return std::nullopt;
   }
 
+  // Reserves a free place with its back to a wall, for a piece `high` m tall.
+  std::optional<Spot> against_wall(double across, double deep, double high) {
+    return on_free_wall(across, 0.04, 0.0, 0.0, high, [&](Spot& spot) {
+      spot.at += (0.5 * deep + 0.03) * spot.facing;
+      return take(spot, across, deep);
+    });
+  }
+
   // Finds a free place on a wall, centred at height z.
   std::optional<Spot> hang(double across, double high, double z) {
-    const Rect in = room().inside();
-    for (int i = 0; i < 16; ++i) {
-      const Side side = kSides[static_cast<std::size_t>(draws_.below(4))];
-      const int axis = is_along_x(side) ? 0 : 1;
-      const double low = in.low[axis] + 0.5 * across + 0.2, top = in.high[axis] - 0.5 * across - 0.2;
-      if (top < low) continue;
-      const double along = draws_.uniform(low, top);
-      if (!is_wall_free(side, along - 0.5 * across - 0.15, along + 0.5 * across + 0.15, z - 0.5 * high, z + 0.5 * high)) continue;
-      const Spot spot = on_wall(in, side, along);
-      if (!places_.is_off_lane(covered({spot.at + 0.05 * spot.facing, spot.facing, 0.0}, across, 0.1))) continue;
-      hung_[room_].push_back(
-          {side, along - 0.5 * across - 0.15, along + 0.5 * across + 0.15, z - 0.5 * high, z + 0.5 * high, false});
-      return spot;
-    }
-    return std::nullopt;
+    return on_free_wall(across, 0.2, 0.15, z - 0.5 * high, z + 0.5 * high, [&](const Spot& spot) {
+      return places_.is_off_lane(covered({spot.at + 0.05 * spot.facing, spot.facing, 0.0}, across, 0.1));
+    });
   }
 
   std::optional<Spot> anywhere(double across, double deep) {
@@ -843,19 +834,10 @@ void OfficeConfig::validate() const { check_fields(*this, "office: "); }
 
 std::shared_ptr<const World> office(const OfficeConfig& config) {
   using namespace indoors;
-  constexpr std::uint32_t kAttempts = 16;
-  config.validate();
-  const collision::Hull hull(DroneModel::quadrotor650());
-  const auto build = [&](std::uint32_t attempt) -> std::shared_ptr<const World> {
-    Office office(config, attempt);
-    auto world = office.built().build();
-    const std::vector<Vec3> lane = office.lane(), straight{lane.front(), lane.back()};
-    if (is_free_way(*world, hull, straight) || !is_free_way(*world, hull, lane)) return nullptr;
-    return with_walkers(world, office, config, attempt);
-  };
-  if (auto world = first_layout(kAttempts, build)) return world;
-  refuse("office: seed", "one with a free way that is not straight (none in " + std::to_string(kAttempts) + " layouts)",
-         config.seed);
+  return with_crooked_lane<Office>(config, "office: seed",
+                                   [&](const std::shared_ptr<const World>& world, const Office& layout, std::uint32_t attempt) {
+                                     return with_walkers(world, layout, config, attempt);
+                                   });
 }
 
 }  // namespace flockstep

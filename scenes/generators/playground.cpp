@@ -1,7 +1,6 @@
 // Generates playgrounds. Only basic IEEE operations are used and every coordinate is rounded to 1 cm, so that a seed gives the
 // same world on every machine.
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <optional>
 #include <sstream>

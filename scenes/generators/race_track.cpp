@@ -162,7 +162,7 @@ class RaceLoop {
   const RaceTrackConfig& config_;
   Draws draws_;
   std::size_t count_;
-  Vec3d low_, high_;       // of the centres of gates
+  Vec3d low_, high_;       // box of the gates' centres
   double from_way_ = 0.0;  // m, from the centre of a gate to a way past it
   std::vector<Vec3d> centers_;
 };

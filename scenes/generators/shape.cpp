@@ -11,7 +11,8 @@ namespace flockstep::indoors {
 
 const std::array<Vec2d, 16>& circle() {
   static const std::array<Vec2d, 16> kCorners = [] {
-    const double d = std::sqrt(0.5), c = std::sqrt(0.5 + 0.5 * d), s = std::sqrt(0.5 - 0.5 * d);  // of 45 and 22.5 degrees
+    const double d = std::sqrt(0.5), c = std::sqrt(0.5 + 0.5 * d),
+                 s = std::sqrt(0.5 - 0.5 * d);  // cosines and sine of 45 and 22.5 degrees
     std::array<Vec2d, 16> corners;
     const std::array<Vec2d, 4> quarter{Vec2d(1, 0), Vec2d(c, s), Vec2d(d, d), Vec2d(s, c)};
     for (std::size_t i = 0; i < 16; ++i) {

@@ -67,11 +67,7 @@ class Warehouse {
     lay_lane();
   }
 
-  std::vector<Vec3> lane() const {
-    std::vector<Vec3> points;
-    for (const Vec3d& point : lane_) points.push_back(point.cast<float>());
-    return points;
-  }
+  std::vector<Vec3> lane() const { return rounded(lane_); }
 
   WorldBuilder built() {
     make_materials();
@@ -94,14 +90,7 @@ class Warehouse {
     light.zenith_color = {0.30F, 0.52F, 0.85F};
     light.horizon_color = {0.86F, 0.92F, 0.98F};
     builder_.light(light);
-    const Vec3 start = lane().front(), reach = Vec3::Constant(static_cast<float>(kSpawnReach));
-    builder_.start(start);
-    builder_.goal(lane().back());
-    if (config_.waypoints) {
-      const std::vector<Vec3> way = lane();
-      for (std::size_t i = 1; i + 1 < way.size(); ++i) builder_.waypoint(way[i]);
-    }
-    builder_.spawn_box({start - reach, start + reach});
+    mark_lane(builder_, lane(), kSpawnReach, config_.waypoints);
     return builder_;
   }
 
@@ -597,19 +586,10 @@ void WarehouseConfig::validate() const { check_fields(*this, "warehouse: "); }
 
 std::shared_ptr<const World> warehouse(const WarehouseConfig& config) {
   using namespace indoors;
-  constexpr std::uint32_t kAttempts = 16;
-  config.validate();
-  const collision::Hull hull(DroneModel::quadrotor650());
-  const auto build = [&](std::uint32_t attempt) -> std::shared_ptr<const World> {
-    Warehouse warehouse(config, attempt);
-    auto world = warehouse.built().build();
-    const std::vector<Vec3> lane = warehouse.lane(), straight{lane.front(), lane.back()};
-    if (is_free_way(*world, hull, straight) || !is_free_way(*world, hull, lane)) return nullptr;
-    return with_forklifts(world, config, attempt);
-  };
-  if (auto world = first_layout(kAttempts, build)) return world;
-  refuse("warehouse: seed", "one with a free way that is not straight (none in " + std::to_string(kAttempts) + " layouts)",
-         config.seed);
+  return with_crooked_lane<Warehouse>(config, "warehouse: seed",
+                                      [&](const std::shared_ptr<const World>& world, const Warehouse&, std::uint32_t attempt) {
+                                        return with_forklifts(world, config, attempt);
+                                      });
 }
 
 }  // namespace flockstep

@@ -15,6 +15,12 @@ inline std::shared_ptr<const World> playground(const std::string& name) {
   return World::load(std::filesystem::path(FLOCKSTEP_SCENES) / "playground" / (name + ".json"));
 }
 
+inline Batch::Worlds training_playgrounds() {
+  Batch::Worlds worlds;
+  for (int i = 1; i <= 5; ++i) worlds.push_back(playground("train-" + std::to_string(i)));
+  return worlds;
+}
+
 inline Primitive primitive(PrimitiveKind kind, const Vec3& center, const Vec3& half_extents,
                            const Quat& rotation = Quat::Identity()) {
   return {.kind = kind, .center = center, .rotation = rotation, .half_extents = half_extents};
@@ -73,6 +79,17 @@ inline std::vector<std::uint64_t> seeds_from(std::uint64_t first, std::size_t co
   std::vector<std::uint64_t> seeds(count);
   std::iota(seeds.begin(), seeds.end(), first);
   return seeds;
+}
+
+// Random actions of each step and drone, which depend neither on the number of steps nor on that of the drones.
+inline std::vector<std::vector<std::int64_t>> discrete_actions(std::size_t steps, std::size_t num_drones) {
+  std::vector<std::vector<std::int64_t>> actions(steps, std::vector<std::int64_t>(num_drones));
+  for (std::size_t step = 0; step < steps; ++step) {
+    for (std::size_t drone = 0; drone < num_drones; ++drone) {
+      actions[step][drone] = static_cast<std::int64_t>(std::mt19937(static_cast<unsigned>(1000 * drone + step))() % 6);
+    }
+  }
+  return actions;
 }
 
 template <class T, class Allocator>
@@ -205,6 +222,24 @@ inline ::testing::AssertionResult same_drones(const Batch& a, const Batch& b) {
     if (const auto same = same_drone(a, env, b, env); !same) return same;
   }
   return ::testing::AssertionSuccess();
+}
+
+// Flies a batch on one thread, and its first envs again by themselves, in blocks of 3 on four threads: they are the same.
+inline void expect_envs_alone(NavigationBatch config, const Batch::Worlds& worlds, std::size_t few, std::size_t steps) {
+  const auto count = static_cast<std::size_t>(config.num_envs);
+  Batch many = config.make(worlds);
+  config.num_envs = static_cast<int>(few);
+  config.block_size = 3;
+  config.num_threads = 4;
+  Batch alone = config.make(worlds);
+  const std::vector<std::uint64_t> seeds = seeds_from(11, count);
+  many.reset(seeds);
+  alone.reset(std::span(seeds).first(few));
+  for (const auto& actions : discrete_actions(steps, count)) {
+    many.step(actions);
+    alone.step(std::span(actions).first(few));
+    for (std::size_t env = 0; env < few; ++env) ASSERT_TRUE(same_drone(alone, env, many, env));
+  }
 }
 
 // The header of a snapshot, see batch/snapshot.cpp. The arrays follow, each preceded by its length in 8 bytes.

@@ -5,6 +5,7 @@
 #include <Eigen/Dense>
 
 #include "flockstep/drone_model.hpp"
+#include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 #include "standard.hpp"
 
@@ -27,6 +28,9 @@ inline Support hull_at(const DroneModel& drone, const Vec3d& position, const Eig
   std::vector<Vec3d> points;
   for (const Vec3& p : drone.hull()) points.push_back(position + rotation.normalized() * p.cast<double>());
   return polytope(std::move(points));
+}
+inline Support hull_at(const DroneModel& drone, const Pose& pose) {
+  return hull_at(drone, pose.position.cast<double>(), pose.rotation.cast<double>());
 }
 
 inline Support solid(const Primitive& primitive) {

@@ -21,8 +21,8 @@ inline std::vector<std::byte> row_of(const std::vector<Buffer>& observation, std
 
 // Steps a batch in blocks and threads, and beside it a batch of each env alone. own_worlds(env): worlds of the latter.
 // draw(random): the actions of all envs.
-template <class OwnWorlds, class Draw>
-void expect_many_equal_single(NavigationBatch config, const Batch::Worlds& worlds, const OwnWorlds& own_worlds, int steps,
+template <class Config, class OwnWorlds, class Draw>
+void expect_many_equal_single(Config config, const Batch::Worlds& worlds, const OwnWorlds& own_worlds, int steps,
                               const Draw& draw) {
   const auto count = static_cast<std::size_t>(config.num_envs);
   const std::vector<std::uint64_t> seeds = seeds_from(77, count);
@@ -34,7 +34,7 @@ void expect_many_equal_single(NavigationBatch config, const Batch::Worlds& world
   config.block_size = 64;
   std::vector<std::unique_ptr<Batch>> alone;
   for (std::size_t i = 0; i < count; ++i) {
-    alone.push_back(std::make_unique<Batch>(config, own_worlds(i), make_task(config.navigation)));
+    alone.emplace_back(new Batch(config.make(own_worlds(i))));
     alone[i]->reset(std::span(seeds).subspan(i, 1));
   }
   Random random(2);
@@ -89,7 +89,7 @@ std::vector<std::vector<EpisodeRow>> episode_rows(const NavigationBatch& config,
       const std::uint64_t number = i * 31 + episode[i] * 17 + step[i] * step[i] * 7 + step[i] / 3;
       actions[i] = static_cast<std::int64_t>(action_of(number));
     }
-    batch.step(std::span<const std::int64_t>(actions));
+    batch.step(actions);
     const Outputs& out = batch.outputs();
     for (std::size_t i = 0; i < count; ++i) {
       if (mode == AutoresetMode::next_step && ended[i]) {  // reset row

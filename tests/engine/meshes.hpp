@@ -43,6 +43,17 @@ inline TriangleMesh ball(int rings, int sides, float bumps, Random& random) {
   return mesh;
 }
 
+// Adds the triangles of squares whose corners stand row by row from a vertex on.
+inline void add_squares(TriangleMesh& mesh, std::int32_t first, int rows, int columns) {
+  for (int row = 0; row < rows; ++row) {
+    for (int column = 0; column < columns; ++column) {
+      const std::int32_t at = first + row * (columns + 1) + column;
+      mesh.triangles.push_back({at, at + 1, at + columns + 2});
+      mesh.triangles.push_back({at, at + columns + 2, at + columns + 1});
+    }
+  }
+}
+
 // Adds a closed box.
 inline void add_box(TriangleMesh& mesh, const Vec3& center, const Vec3& half, const Quat& rotation = Quat::Identity()) {
   const auto first = static_cast<std::int32_t>(mesh.vertices.size());
@@ -86,13 +97,7 @@ inline void add_slivers(TriangleMesh& mesh, int count, const Vec3& eye, Random& 
                                  eye.z() - 1e-5F);
     }
   }
-  for (int row = 0; row < kSquares; ++row) {
-    for (int column = 0; column < kSquares; ++column) {
-      const std::int32_t at = first_of_floor + row * (kSquares + 1) + column;
-      mesh.triangles.push_back({at, at + 1, at + kSquares + 2});
-      mesh.triangles.push_back({at, at + kSquares + 2, at + kSquares + 1});
-    }
-  }
+  add_squares(mesh, first_of_floor, kSquares, kSquares);
   for (int i = 0; i < count; ++i) {
     const Vec3 a = random.point(4.0F), b = random.point(4.0F);
     const float along = random.within(-1, 1);
@@ -116,13 +121,7 @@ inline TriangleMesh hills(int cells) {
       mesh.vertices.emplace_back(x, y, std::sin(0.7F * x) * std::cos(0.5F * y));
     }
   }
-  for (int row = 0; row < cells; ++row) {
-    for (int column = 0; column < cells; ++column) {
-      const int at = row * (cells + 1) + column;
-      mesh.triangles.push_back({at, at + 1, at + cells + 2});
-      mesh.triangles.push_back({at, at + cells + 2, at + cells + 1});
-    }
-  }
+  add_squares(mesh, 0, cells, cells);
   mesh.visibility.assign(mesh.triangles.size(), Visibility::full);
   const auto wall = static_cast<std::int32_t>(mesh.vertices.size());
   for (const Vec3& corner : {Vec3(-9, 0, 0), Vec3(9, 0, 0), Vec3(0, 0, 9)}) mesh.vertices.push_back(corner);

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 from clients import Blocking
 
@@ -53,13 +54,44 @@ ROOM: dict[str, Any] = {
     },
 }
 
-# Barely larger than the drone, so that a random walk crashes within a few steps.
-CLOSET: dict[str, Any] = {
-    "flockstep_scene": 1,
-    "name": "closet",
-    "room": {"min": [0, 0, 0], "max": [2, 2, 1.2]},
-    "markers": {"start": [1, 1, 0.6], "goal": [1.3, 1.65, 0.6]},
-}
+
+@pytest.fixture(params=["next_step", "same_step", "disabled"])
+def mode(request: pytest.FixtureRequest) -> str:
+    """Each autoreset mode."""
+    return request.param
+
+
+def begun(num_envs: int = 1, *, seed: int = 0, **keywords: Any) -> flockstep.DroneVectorEnv:
+    """A vector env after its first reset."""
+    envs = flockstep.DroneVectorEnv(num_envs, **keywords)
+    envs.reset(seed=seed)
+    return envs
+
+
+def flat_batch(worlds: Any, num_drones: int = 1, **fields: Any) -> flockstep.Batch:
+    """A batch of which the dynamics, the clock and the episodes may be given by their fields."""
+    for name, config in (
+        ("dynamics", flockstep.DynamicsConfig),
+        ("clock", flockstep.ClockConfig),
+        ("episode", flockstep.EpisodeConfig),
+    ):
+        own = {field: fields.pop(field) for field in config.__match_args__ if field in fields}
+        if own:
+            fields[name] = config(**own)
+    return flockstep.Batch(worlds, num_drones, **fields)
+
+
+def world_of(**parts: Any) -> flockstep.World:
+    """The world of a scene with these parts."""
+    return flockstep.World.from_dict({"flockstep_scene": 1, **parts})
+
+
+def placed(worlds: Any, position: Any, quat_wxyz: Any = None, **keywords: Any) -> flockstep.Batch:
+    """A batch with a drone at each of these positions."""
+    position = np.atleast_2d(np.float32(position))
+    batch = flockstep.Batch(worlds, len(position), **keywords)
+    batch.set_pose(position, quat_wxyz)
+    return batch
 
 
 @pytest.fixture(scope="session")
@@ -69,7 +101,9 @@ def room() -> flockstep.World:
 
 @pytest.fixture(scope="session")
 def closet() -> flockstep.World:
-    return flockstep.World.from_dict(CLOSET)
+    """Barely larger than the drone, so that a random walk crashes within a few steps."""
+    markers = {"start": [1, 1, 0.6], "goal": [1.3, 1.65, 0.6]}
+    return world_of(name="closet", room={"min": [0, 0, 0], "max": [2, 2, 1.2]}, markers=markers)
 
 
 @pytest.fixture(scope="session")

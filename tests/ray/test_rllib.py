@@ -26,8 +26,8 @@ from ray.rllib.core.rl_module.torch import TorchRLModule
 from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 
 import flockstep
+from engines import TRAINED
 from flockstep import rllib
-from run import TRAINED
 
 ROOT = Path(__file__).resolve().parents[2]
 ID = "flockstep/LidarNavigation-v0"

@@ -145,13 +145,11 @@ TEST(ClientFaults, AServerThatEndsInTheMiddle) {
       {[](Peer& peer) { peer.reply(0, protocol::Error{.code = protocol::Code::kInternal, .text = "out of order"}); },
        "out of order"}};
   for (const Case& each : cases) {
-    ScriptedServer server([&](Peer& peer) {
-      peer.welcome();
+    ScriptedServer server(welcomed([&](Peer& peer) {
       peer.next();
       peer.next();
       each.end(peer);
-      peer.wait_for_end();
-    });
+    }));
     Connection connection({.address = server.address()});
     DroneController drone(connection, 0);
     auto first = drone.set_location(later, {1, 2, 3});
@@ -166,12 +164,10 @@ TEST(ClientFaults, AServerThatEndsInTheMiddle) {
 
 // Serves one operation with these bytes for the request with id 2.
 ScriptedServer::Script answering(std::string bytes) {
-  return [bytes = std::move(bytes)](Peer& peer) {
-    peer.welcome();
+  return welcomed([bytes = std::move(bytes)](Peer& peer) {
     peer.next();
     peer.send(bytes);
-    peer.wait_for_end();
-  };
+  });
 }
 
 Failure scan_of(const ScriptedServer& server) {
@@ -216,15 +212,13 @@ TEST(ClientFaults, RepliesOfAnotherForm) {
   }
   EXPECT_EQ(scan_of(ScriptedServer(answering(Peer::message(2, scan(), ranges)))).text, "no error");
 
-  ScriptedServer flags([](Peer& peer) {
-    peer.welcome();
+  ScriptedServer flags(welcomed([](Peer& peer) {
     const std::array<std::uint8_t, 2> values{0, 2};
     const std::size_t size = 2;
     peer.reply(peer.next().id, protocol::Time{}, [&](protocol::FrameWriter& writer) {
       writer.add("active", protocol::DType::kDtypeBool, std::as_bytes(std::span(values)), std::span(&size, 1));
     });
-    peer.wait_for_end();
-  });
+  }));
   Connection connection({.address = flags.address()});
   EXPECT_EQ(failure([&] { GameModeController(connection).get_array("active"); }).code, ErrorCode::bad_reply);
   EXPECT_TRUE(connection.is_open());

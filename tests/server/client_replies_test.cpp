@@ -8,15 +8,13 @@ using namespace failures;
 
 TEST(ClientFaults, LateRepliesAndTimeouts) {
   std::atomic<bool> may_answer{false};
-  ScriptedServer server([&](Peer& peer) {
-    peer.welcome();
+  ScriptedServer server(welcomed([&](Peer& peer) {
     const std::uint64_t first = peer.next().id, second = peer.next().id;
     while (!may_answer) std::this_thread::sleep_for(1ms);
     peer.reply(first, protocol::Vector3{.x = 1});
     peer.reply(second, protocol::Vector3{.x = 2});
     peer.reply(peer.next().id, protocol::Done{});
-    peer.wait_for_end();
-  });
+  }));
   DroneController drone(Connection({.address = server.address(), .timeout = 50ms}), 0);
   auto kept = drone.get_location(later);
   EXPECT_FALSE(kept.is_ready());
@@ -32,11 +30,9 @@ TEST(ClientFaults, LateRepliesAndTimeouts) {
 }
 
 TEST(ClientFaults, FuturesInAnyOrder) {
-  ScriptedServer server([](Peer& peer) {
-    peer.welcome();
+  ScriptedServer server(welcomed([](Peer& peer) {
     for (int i = 0; i < 100; ++i) peer.reply(peer.next().id, protocol::Vector3{.x = static_cast<float>(i)});
-    peer.wait_for_end();
-  });
+  }));
   DroneController drone(Connection({.address = server.address()}), 0);
   std::vector<client::Future<client::Vector3>> futures;
   for (int i = 0; i < 100; ++i) futures.push_back(drone.get_location(later));
@@ -45,14 +41,13 @@ TEST(ClientFaults, FuturesInAnyOrder) {
 
 TEST(ClientFaults, ThreadsShareAConnection) {
   constexpr int kThreads = 4, kCalls = 300;
-  ScriptedServer server([](Peer& peer) {
-    peer.welcome();
+  ScriptedServer server(welcomed([](Peer& peer) {
     for (;;) {
       const protocol::Request request = peer.next();
       peer.reply(request.id,
                  protocol::Vector3{.x = static_cast<float>(std::get<protocol::GetLocation>(request.operation).drone)});
     }
-  });
+  }));
   const Connection connection({.address = server.address()});
   std::vector<std::thread> threads;
   std::atomic<int> right{0};
@@ -70,8 +65,7 @@ TEST(ClientFaults, ThreadsShareAConnection) {
 
 TEST(ClientFaults, LargeMessagesBothWaysAtOnce) {
   const std::vector<std::uint8_t> large(std::size_t{24} << 20, 7);
-  ScriptedServer server([&](Peer& peer) {
-    peer.welcome();
+  ScriptedServer server(welcomed([&](Peer& peer) {
     const std::uint64_t get = peer.next().id;
     peer.reply(get, protocol::Done{}, [&](auto& writer) {
       writer.add("snapshot", std::span<const std::uint8_t>(large), {large.size()});
@@ -79,8 +73,7 @@ TEST(ClientFaults, LargeMessagesBothWaysAtOnce) {
     const std::uint64_t set = peer.next().id;
     EXPECT_GT(peer.bytes().size(), large.size());
     peer.reply(set, protocol::Done{});
-    peer.wait_for_end();
-  });
+  }));
   GameModeController simulation(Connection({.address = server.address()}));
   auto snapshot = simulation.snapshot(later);
   simulation.restore(large);
@@ -91,8 +84,7 @@ TEST(ClientFaults, LargeMessagesBothWaysAtOnce) {
 
 TEST(ClientFaults, StreamsGiveTheNewestValueAndEnd) {
   std::uint64_t unsubscribed = 0;
-  ScriptedServer server([&](Peer& peer) {
-    peer.welcome();
+  ScriptedServer server(welcomed([&](Peer& peer) {
     const protocol::Request request = peer.next();
     EXPECT_EQ(std::get<protocol::Subscribe>(request.operation).rate_hz, 50.0);
     for (int i = 1; i <= 20; ++i) peer.reply(request.id, protocol::Fps{.fps = static_cast<double>(i)});
@@ -109,8 +101,7 @@ TEST(ClientFaults, StreamsGiveTheNewestValueAndEnd) {
     peer.reply(refused, protocol::Error{.code = protocol::Code::kInvalidArgument, .text = "rate_hz: bad"});
     peer.reply(peer.next().id, protocol::Done{});  // Ping
     peer.reply(other, protocol::Fps{.fps = 2.0});  // of a stream that has ended
-    peer.wait_for_end();
-  });
+  }));
   Connection connection({.address = server.address()});
   GameModeController simulation(connection);
   {
@@ -137,14 +128,13 @@ TEST(ClientFaults, StreamsGiveTheNewestValueAndEnd) {
 
 TEST(ClientFaults, BadArgumentsAreNotSent) {
   std::atomic<int> requests{0};
-  ScriptedServer server([&](Peer& peer) {
-    peer.welcome();
+  ScriptedServer server(welcomed([&](Peer& peer) {
     for (;;) {
       const std::uint64_t id = peer.next().id;
       ++requests;
       peer.reply(id, protocol::Done{});
     }
-  });
+  }));
   Connection connection({.address = server.address()});
   GameModeController simulation(connection);
   DroneController drone(connection, 0);
@@ -297,10 +287,9 @@ std::string right_reply(const protocol::Request& request) {
 }
 
 TEST(ClientFaults, RightRepliesAreAccepted) {
-  ScriptedServer server([](Peer& peer) {
-    peer.welcome();
+  ScriptedServer server(welcomed([](Peer& peer) {
     for (;;) peer.send(right_reply(peer.next()));
-  });
+  }));
   Connection connection({.address = server.address()});
   for (const auto& operation : operations()) operation(connection);
 }
@@ -309,9 +298,8 @@ TEST(ClientFaults, RightRepliesAreAccepted) {
 TEST(ClientFaults, ChangedRepliesNeverCrash) {
   const int trials = static_cast<int>(times_tried(2000));
   std::atomic<unsigned> seed{1 + 1000000 * part_tried()};
-  ScriptedServer server([&](Peer& peer) {
+  ScriptedServer server(welcomed([&](Peer& peer) {
     std::mt19937 random(seed);
-    peer.welcome();
     for (;;) {
       const protocol::Request request = peer.next();
       const std::string reply = right_reply(request);
@@ -325,7 +313,7 @@ TEST(ClientFaults, ChangedRepliesNeverCrash) {
         peer.send(changed(reply, random));
       }
     }
-  });
+  }));
   int accepted = 0, refused = 0;
   std::optional<Connection> connection;
   for (int i = 0; i < trials; ++i) {

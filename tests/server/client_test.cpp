@@ -38,6 +38,7 @@ TEST(Client, TellsWhatTheServerHas) {
   EXPECT_EQ(info.drones_per_env, 2);
   EXPECT_EQ(info.lidars, std::vector<std::string>{"lidar"});
   EXPECT_EQ(info.cameras, std::vector<std::string>{"front"});
+  EXPECT_EQ(info.sensors, (std::vector<std::string>{"lidar", "front"}));
   EXPECT_FALSE(info.flies_by_rotors);
   EXPECT_FALSE(info.has_task);
   EXPECT_GT(info.step_s, 0.0);

@@ -160,6 +160,16 @@ Failure failure(const Call& call) {
   return {};
 }
 
+// A script that answers Hello first, and in the end waits until the client has gone.
+template <class Script>
+ScriptedServer::Script welcomed(Script script) {
+  return [script = std::move(script)](Peer& peer) {
+    peer.welcome();
+    script(peer);
+    peer.wait_for_end();
+  };
+}
+
 inline bool contains(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
 
 inline protocol::Impact impact() {

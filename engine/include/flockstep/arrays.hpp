@@ -1,5 +1,5 @@
 // Lists of a batch's arrays. A struct of arrays lists its members once, in fields(), with array(). Allocation, snapshots and
-// their checks, NumPy views, the stub and the table in docs/conventions.md are made from these lists.
+// their checks, NumPy views, the stub and the table in docs/reference/arrays.md are made from these lists.
 //
 //   struct Battery {
 //     std::vector<float> charge;  // (N,)

@@ -94,6 +94,7 @@ struct EmbreeCounts {
 
 // All methods check their input before they change anything. They throw std::invalid_argument naming the field, the expected
 // value and the actual one. An empty mask selects every active drone or env; an env is active if one of its drones is.
+// Lists of indices are int64, as in NumPy: an EnvIndex or DroneIndex is made of a number that has been checked.
 // One thread at a time: a call while another thread is in one throws std::runtime_error, or waits if the batch is served: see
 // ServedBatch. A batch does not survive fork(): using a parent's batch in the child throws std::runtime_error.
 class FLOCKSTEP_API Batch {
@@ -116,7 +117,7 @@ class FLOCKSTEP_API Batch {
   Batch(const Batch&) = delete;
   Batch& operator=(const Batch&) = delete;
 
-  const BatchConfig& config() const;  // of the constructor, with the current sizes
+  const BatchConfig& config() const;  // the constructor's, with the current sizes
   const Worlds& worlds() const;       // indexed by state().world_index; empty with a pool
   // The world of an env, in the light of the env; the index is not checked.
   std::shared_ptr<const World> world_of(EnvIndex env) const;
@@ -124,7 +125,7 @@ class FLOCKSTEP_API Batch {
   const World& unlit_world_of(EnvIndex env) const;
   const DroneModel& drone() const;  // body and flight model of all drones
   int num_threads() const;          // actual number, also if num_threads = 0
-  EmbreeCounts embree() const;      // of rays against triangles, since the batch was made
+  EmbreeCounts embree() const;      // rays against triangles since the batch was made
   const State& state() const;       // poses, contacts and clocks; valid until the batch is destroyed or grows, see ServedBatch
 
   // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span leaves the value unchanged
@@ -148,14 +149,10 @@ class FLOCKSTEP_API Batch {
   void sense(DroneMask mask = {});  // reads the sensors now; cameras as their capture mode requires
 
   // --- slots
-  // Activates slots and senses there, with the sensor settings of the configuration; returns their indices. As with set_pose(),
-  // positions are not tested for collisions: is_free() does. One row per index; an empty span leaves the value unchanged.
-  // Indices beyond N enlarge the batch: with M = 1 each is a new env, and slots in between are inactive; if E = 1 and M is not
-  // 1, M grows. Instead of indices, `env` names the env of each row, which takes the lowest inactive slot there, or one of M
-  // new ones in each env: with E > 1 drones then have other indices, d = e M + m. Without both, rows take the lowest inactive
-  // slots, then new ones. With a task, the drones of an env begin their episodes together: a spawn of some must be one of all
-  // that are active or rest. With Episodes::each the spawned drones begin their next episodes, while their envs go on. If it
-  // throws, nothing has changed, unless reading the sensors was interrupted.
+  // Activates a slot for each row, where a new drone is placed as by set_pose() and senses; returns the slots. They are
+  // `indices`, or else the lowest inactive ones of the envs in `env`, or else of the batch. Missing slots are added to a batch
+  // without a task: an env for each if M = 1 and `env` is empty, or else slots to all envs, in which drones then have other
+  // indices, d = e M + m.
   std::vector<std::int64_t> spawn(std::span<const std::int64_t> indices, std::span<const float> position,
                                   std::span<const float> quat_wxyz, std::span<const std::int32_t> world_index,
                                   std::span<const std::int64_t> env = {});
@@ -180,7 +177,7 @@ class FLOCKSTEP_API Batch {
 
   // --- sensors, by their index in config() or by name. Without a name: the first one, or the only camera. Throws
   // std::invalid_argument for an unknown name; the calls of the facet check an index.
-  const PoseReadings& pose_readings() const;         // of the pose sensor; empty arrays without one
+  const PoseReadings& pose_readings() const;         // empty arrays without a pose sensor
   Lidar lidar(std::size_t index = 0);                // by index
   Lidar lidar(std::string_view name);                // by name
   const Lidar lidar(std::size_t index = 0) const;    // for reading
@@ -231,7 +228,7 @@ class FLOCKSTEP_API Batch {
   // Positions of the drones before the last flown step and after each of its ticks, (N, ticks + 1, 3) m; see
   // TaskContext::path_of(). Throws std::logic_error if the task does not record them.
   std::span<const float> path() const;
-  const Outputs& outputs() const;  // of the last step, reset or restore; intact during the next one
+  const Outputs& outputs() const;  // the last step's, reset's or restore's; intact during the next one
   Outputs& outputs();
 
   // --- everything that the next step depends on, with a hash of the configuration that restore() checks
@@ -245,7 +242,7 @@ class FLOCKSTEP_API Batch {
   void replace(std::shared_ptr<Simulation> next);
   const void* find_readings(const std::type_info& type, std::size_t index) const;
 
-  std::unique_ptr<CallLock> lock_;  // of the calls; outlives sim_
+  std::unique_ptr<CallLock> lock_;  // held by each call; outlives sim_
   std::shared_ptr<Simulation> sim_;
 };
 
@@ -285,9 +282,9 @@ class FLOCKSTEP_API Batch::Lidar {
   std::size_t index() const { return index_; }  // into config().lidars
   const LidarReadings& readings() const;        // empty arrays if there is no such LiDAR
   void require_scan() const;                    // std::logic_error before the first scan, while all ranges are inf
-  LidarConfig config(DroneIndex drone) const;   // of one drone, run-time changes included
+  LidarConfig config(DroneIndex drone) const;   // one drone's, run-time changes included
   void directions(std::span<float> out) const;  // (N, channels, beams, 3) unit, body frame
-  void directions(DroneIndex drone, std::span<float> out) const;  // of one drone
+  void directions(DroneIndex drone, std::span<float> out) const;  // one drone's, (channels, beams, 3)
   void points(std::span<float> out) const;                        // (N, channels, beams, 3) m, world frame, inf on a miss
   // Scans from the current pose of one drone and returns its ranges, (channels, beams) m; the readings stay unchanged.
   void scan(DroneIndex drone, std::span<float> out) const;
@@ -308,7 +305,7 @@ class FLOCKSTEP_API Batch::Camera {
  public:
   std::size_t index() const { return index_; }  // into config().cameras
   const CameraConfig& config() const;           // with the current capture mode
-  CameraConfig config(DroneIndex drone) const;  // of one drone, run-time changes included
+  CameraConfig config(DroneIndex drone) const;  // one drone's, run-time changes included
   const CameraImages& images() const;           // the latest of all drones
   void capture(DroneMask mask = {});            // renders now, whatever the capture mode is
   void set_capture_mode(CaptureMode mode);      // not on_demand if the task observes the camera

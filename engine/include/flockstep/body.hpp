@@ -124,7 +124,7 @@ struct BodyMotion {
 // Limits of ids in camera images.
 inline constexpr std::uint16_t kSemanticBody = 65532;       // default semantic id of bodies
 inline constexpr std::uint16_t kFirstBodyInstance = 61440;  // instance id of an env's first body; the others follow
-inline constexpr int kMaxBodies = 4096;                     // of one env
+inline constexpr int kMaxBodies = 4096;                     // per env
 // The same for the drones of an env, if they see each other; at most kMaxBodies of them.
 inline constexpr std::uint16_t kSemanticDrone = 65531;       // semantic id of drones
 inline constexpr std::uint16_t kFirstDroneInstance = 57344;  // instance id of an env's first drone; the others follow

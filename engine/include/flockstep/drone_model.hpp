@@ -20,7 +20,8 @@ class FLOCKSTEP_API DroneModel {
   // Returns the default drone, the 650-class quadrotor "t650". Its extents are exactly 0.93 x 0.59 x 0.20 m, centred on the
   // body origin.
   static DroneModel quadrotor650();
-  // Loads a bundled airframe by name, or a JSON file by a path that ends in .json. docs/add-a-drone.md describes the format.
+  // Loads a bundled airframe by name, or a JSON file by a path that ends in .json. docs/reference/drone-files.md describes the
+  // format.
   static DroneModel load(const std::string& name_or_path);
   static DroneModel from_json(const std::string& text);  // reads the format of a drone file; throws std::invalid_argument
   static std::vector<std::string> names();               // names of the bundled airframes

@@ -35,7 +35,7 @@ enum class Form : std::uint8_t { any, plain_name, unit_quaternion, direction };
 struct FieldInfo {
   const char* about = "";                       // meaning of the field, in full sentences
   const char* unit = "";                        // unit of its values; empty: none
-  Limits limits;                                // of each number, if the field is a list
+  Limits limits;                                // each number's, if the field is a list
   Form form = Form::any;                        // further checks of its value
   AffectsHash affects_hash = AffectsHash::yes;  // selects if it is part of the configuration hash
   const char* alias = nullptr;                  // name in messages, if different

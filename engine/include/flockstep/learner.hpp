@@ -80,7 +80,8 @@ struct UpdateConfig {
     using C = UpdateConfig;
     return field_list(
         field("learning_rate", &C::learning_rate, {.about = "Step size of Adam.", .limits = at_least(0)}),
-        field("batch_size", &C::batch_size, {.about = "Steps in a minibatch.", .limits = between(1, 1 << 30)}),
+        field("batch_size", &C::batch_size,
+              {.about = "Steps in a minibatch; a rollout has n_steps of each row.", .limits = between(1, 1 << 30)}),
         field("n_epochs", &C::n_epochs, {.about = "Passes over the rollout.", .limits = between(1, 10'000)}),
         field("clip_range", &C::clip_range,
               {.about = "The ratio of probabilities is clipped to [1 - clip_range, 1 + clip_range].", .limits = at_least(0)}),
@@ -102,17 +103,36 @@ struct UpdateConfig {
 
 // Means over the minibatches of an update, as Stable-Baselines3 logs them.
 struct UpdateReport {
-  double policy_gradient_loss = 0.0;  // clipped surrogate, negative
-  double value_loss = 0.0;            // mean squared error of the value
-  double entropy_loss = 0.0;          // negative entropy
-  double clip_fraction = 0.0;         // share of the steps whose ratio was clipped
-  double approx_kl = 0.0;             // over the last epoch
-  double loss = 0.0;                  // loss of the last minibatch
-  double explained_variance = 0.0;    // fraction of the returns' variance that the rollout's values explain
-  double std = 0.0;                   // mean standard deviation of the actions, after the update
-  int epochs = 0;                     // begun
-  bool stopped_early = false;         // by target_kl
-  bool is_finite = true;              // false: the update stopped before a minibatch whose loss or gradient was not finite
+  double policy_gradient_loss = 0.0;
+  double value_loss = 0.0;
+  double entropy_loss = 0.0;
+  double clip_fraction = 0.0;
+  double approx_kl = 0.0;
+  double loss = 0.0;
+  double explained_variance = 0.0;
+  double std = 0.0;
+  int epochs = 0;
+  bool stopped_early = false;
+  bool is_finite = true;
+
+  // flockstep.PPO logs each number of type double by its name.
+  static constexpr auto fields() {
+    using C = UpdateReport;
+    return field_list(
+        field("policy_gradient_loss", &C::policy_gradient_loss, {.about = "Clipped surrogate, negative."}),
+        field("value_loss", &C::value_loss, {.about = "Mean squared error of the value."}),
+        field("entropy_loss", &C::entropy_loss, {.about = "Negative entropy."}),
+        field("clip_fraction", &C::clip_fraction, {.about = "Share of the steps whose ratio was clipped."}),
+        field("approx_kl", &C::approx_kl, {.about = "Approximate KL divergence, over the last epoch."}),
+        field("loss", &C::loss, {.about = "Loss of the last minibatch."}),
+        field("explained_variance", &C::explained_variance,
+              {.about = "Share of the variance of the returns that the values of the rollout explain."}),
+        field("std", &C::std, {.about = "Mean standard deviation of the actions, after the update; 0 for discrete actions."}),
+        field("epochs", &C::epochs, {.about = "Number of epochs begun."}),
+        field("stopped_early", &C::stopped_early, {.about = "True if ``target_kl`` ended the update."}),
+        field("is_finite", &C::is_finite,
+              {.about = "False if the update stopped before a minibatch whose loss or gradient was not finite."}));
+  }
 };
 
 // Name, shape and place of a weight or bias among the parameters. Names are those of Stable-Baselines3's policies.
@@ -134,7 +154,7 @@ struct RolloutConfig {
     using C = RolloutConfig;
     return field_list(
         field("n_steps", &C::n_steps, {.about = "Steps of each row between two updates.", .limits = between(1, 1 << 24)}),
-        field("gamma", &C::gamma, {.about = "Discount of rewards per step.", .limits = between(0, 1)}),
+        field("gamma", &C::gamma, {.about = "Discount factor of rewards per step.", .limits = between(0, 1)}),
         field("gae_lambda", &C::gae_lambda,
               {.about = "Weight of long against short estimates of the advantage.", .limits = between(0, 1)}),
         field("normalize_observations", &C::normalize_observations,
@@ -193,8 +213,8 @@ class FLOCKSTEP_API Learner {
   const std::vector<ParameterInfo>& parameter_infos() const;  // in the order of the parameters
   std::vector<float> parameters() const;                      // weights, biases and logarithms of standard deviations
   void set_parameters(std::span<const float> values);         // finite numbers in the order of parameters()
-  std::vector<float> first_moments() const;                   // of Adam, in the order of the parameters
-  std::vector<float> second_moments() const;                  // of Adam
+  std::vector<float> first_moments() const;                   // Adam's, in the order of the parameters
+  std::vector<float> second_moments() const;                  // Adam's
   std::int64_t adam_steps() const;                            // number of minibatches that Adam has taken
   // Sets the moments of Adam and its number of steps.
   void set_adam(std::span<const float> adam_m, std::span<const float> adam_v, std::int64_t steps);

@@ -10,7 +10,7 @@ namespace flockstep {
 
 // Consecutive rows of a batch, which one thread steps.
 struct PilotedRows {
-  const std::vector<Buffer>& observation;  // of the last step or reset, one buffer per field of TaskSpec::observation
+  const std::vector<Buffer>& observation;  // the last step's or reset's, one buffer per field of TaskSpec::observation
   std::size_t first, count;                // the rows
   std::size_t thread;                      // in [0, Batch::num_threads()), index for per-thread data
 };

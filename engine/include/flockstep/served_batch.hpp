@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <span>
 
 #include "flockstep/batch.hpp"
 #include "flockstep/export.hpp"
@@ -30,6 +31,13 @@ class FLOCKSTEP_API ServedBatch {
   static std::int64_t generation(const Batch& batch);  // number of times that the arrays have moved
   static std::shared_ptr<const void> memory(
       const Batch& batch);  // keeps the current arrays alive; after a growth they change no more
+  // What spawn() would do for one more drone.
+  struct NextSlot {
+    EnvIndex env;    // the slot's env; E or more: a new env
+    bool renumbers;  // other drones would have other indices
+  };
+  // Returns the next slot of the batch, or of an env if one is given. Throws std::invalid_argument as spawn() does.
+  static NextSlot next_slot(const Batch& batch, std::span<const std::int64_t> env = {});
   // From now on, when the arrays move, `run` is called with a function that it must call once. It may hold a lock that all
   // readers of the arrays hold.
   static void run_moves_with(Batch& batch, std::function<void(const std::function<void()>&)> run);

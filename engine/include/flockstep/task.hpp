@@ -84,7 +84,7 @@ class TaskContext {
   // have.
   virtual const std::vector<LidarConfig>& lidars() const = 0;
   virtual const std::vector<CameraConfig>& cameras() const = 0;                  // by index
-  virtual const PoseReadings& pose_readings() const = 0;                         // of the pose sensor
+  virtual const PoseReadings& pose_readings() const = 0;                         // the pose sensor's
   virtual const LidarReadings& lidar_readings(std::size_t lidar = 0) const = 0;  // by index
   virtual const CameraImages& images(std::size_t camera) const = 0;              // by index
   // Readings of the other sensors by their type, such as ImuReadings, and their index in the batch's list.
@@ -188,8 +188,7 @@ class Task {
   // or at the centre of its bounds if it has none.
   virtual void place(const TaskBlock& block) {
     for (const DroneIndex drone : block.drones) {
-      const World& world = block.context.world_of(block.context.env_of(drone));
-      const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2.0F);
+      const Vec3 start = block.context.world_of(block.context.env_of(drone)).drone_start();
       block.context.place(drone, {start, Quat::Identity()});
     }
   }

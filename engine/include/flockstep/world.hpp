@@ -60,7 +60,7 @@ struct Texture {
   std::array<TextureWrap, 2> wrap{TextureWrap::repeat, TextureWrap::repeat};  // across, down
 };
 
-// The limits are those of a material's keys in a scene file: docs/conventions.md, "Scene files".
+// The limits are those of a material's keys in a scene file: docs/reference/scene-format.md.
 struct Material {
   std::string name;                                   // unique in a scene
   std::array<float, 3> base_color{0.8F, 0.8F, 0.8F};  // linear RGB
@@ -127,12 +127,12 @@ struct EnumNames<GateShape> {
 // An opening to fly through, with a frame around it. Drones pass it along local x. Cameras, LiDARs, drones and queries find the
 // frame among World::primitives(): four boxes, or kRingBars capsules in a circle.
 struct Gate {
-  GateShape shape = GateShape::square;       // of the opening and the frame
+  GateShape shape = GateShape::square;       // shape of opening and frame
   Vec3 center = Vec3::Zero();                // m, world frame, middle of the opening
   Quat rotation = Quat::Identity();          // local to world; passed along local x, with local z up
   float size = 1.5F;                         // m, inside width of a square or inside diameter of a ring
   float bar = 0.1F;                          // m, thickness of the frame's bars
-  std::uint16_t material = 0;                // of the frame, index into World::materials()
+  std::uint16_t material = 0;                // the frame's, an index into World::materials()
   Visibility visibility = Visibility::full;  // role of the frame
 };
 inline constexpr std::size_t kRingBars = 16;  // capsules of a ring
@@ -147,7 +147,7 @@ struct SceneDescription {
   Markers markers;                                                           // start, waypoints, goal, spawn box
   Light light;                                                               // sun and sky
   std::vector<Gate> gates;                                                   // in the order of flight, at most 4096
-  std::vector<BodyConfig> bodies;                                            // of every env in this world, at most 4096
+  std::vector<BodyConfig> bodies;                                            // in every env of this world, at most 4096
 };
 
 // Folders from which a scene may read mesh files: the scene's folder and its subfolders, any folder, or none. in_folder keeps a
@@ -204,6 +204,8 @@ class FLOCKSTEP_API World {
   const Markers& markers() const { return description_.markers; }  // places for tasks
   const Light& light() const { return description_.light; }        // sun and sky
   const Aabb& bounds() const { return bounds_; }                   // m, of all geometry; without bodies
+  // Where drones begin: at the start marker, or at the centre of the bounds if there is none.
+  Vec3 drone_start() const { return markers().start.value_or((bounds_.min + bounds_.max) / 2.0F); }
 
   // The world whose geometry this one shares; null if it has its own.
   const World* original() const { return original_.get(); }

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "base/excerpt.hpp"
-#include "base/json_document.hpp"
 #include "base/nearest_name.hpp"
 #include "base/require.hpp"
 #include "flockstep/sensors/lidar.hpp"
@@ -14,14 +13,10 @@
 namespace flockstep::config_values {
 namespace {
 
-[[noreturn]] void refuse_json(const std::string& path, const std::string& expected, const Json& got) {
-  refuse(path.empty() ? "configuration" : path, expected, json::excerpt_of(got));
-}
-
-[[noreturn]] void refuse_name(const std::string& path, const std::string& name, std::span<const std::string_view> known) {
+[[noreturn]] void refuse_name(const JsonField& field, const std::string& name, std::span<const std::string_view> known) {
   std::string expected;
   for (const std::string_view one : known) expected += (expected.empty() ? "one of " : ", ") + std::string(one);
-  refuse(path, expected, excerpt(name) + did_you_mean(name, known));
+  refuse(field, expected, excerpt(name) + did_you_mean(name, known));
 }
 
 std::vector<std::string_view> names_of(const Members& members) {
@@ -31,25 +26,23 @@ std::vector<std::string_view> names_of(const Members& members) {
 }
 
 template <class Integer>
-void read_integer(const Json& json, const FieldInfo& info, const std::string& path, Integer& value) {
+void read_integer(const JsonField& field, const FieldInfo& info, Integer& value) {
   constexpr Integer kMin = std::numeric_limits<Integer>::min(), kMax = std::numeric_limits<Integer>::max();
-  if (!json.is_number_integer()) refuse_json(path, expected_number(info.limits, true), json);
-  const bool fits = json.is_number_unsigned() ? std::in_range<Integer>(json.get<std::uint64_t>())
-                                              : std::in_range<Integer>(json.get<std::int64_t>());
-  if (!fits) refuse_json(path, "an integer from " + std::to_string(kMin) + " to " + std::to_string(kMax), json);
-  value = json.get<Integer>();
-  check_number(value, info.limits, path);
+  const json::Json& given = field.value;
+  if (!given.is_number_integer()) refuse(field, expected_number(info.limits, true));
+  const bool fits = given.is_number_unsigned() ? std::in_range<Integer>(given.get<std::uint64_t>())
+                                               : std::in_range<Integer>(given.get<std::int64_t>());
+  if (!fits) refuse(field, "an integer from " + std::to_string(kMin) + " to " + std::to_string(kMax));
+  value = given.get<Integer>();
+  if (!info.limits.contain(value)) refuse(field, expected_number(info.limits, true));
 }
 
 template <class Real>
-void read_real(const Json& json, const FieldInfo& info, const std::string& path, Real& value) {
-  if (!json.is_number()) refuse_json(path, expected_number(info.limits, false), json);
-  const auto number = json.get<double>();
-  if (std::abs(number) > static_cast<double>(std::numeric_limits<Real>::max())) {
-    refuse_json(path, expected_number(info.limits, false), json);
-  }
-  value = static_cast<Real>(number);
-  check_number(value, info.limits, path);
+void read_real(const JsonField& field, const FieldInfo& info, Real& value) {
+  constexpr auto kMax = static_cast<double>(std::numeric_limits<Real>::max());
+  const double number = field.value.is_number() ? field.value.get<double>() : std::numeric_limits<double>::infinity();
+  if (std::abs(number) <= kMax) value = static_cast<Real>(number);
+  if (!(std::abs(number) <= kMax && info.limits.contain(value))) refuse(field, expected_number(info.limits, false));
 }
 
 }  // namespace
@@ -85,76 +78,64 @@ OrderedJson written_flags(const Members& members, const void* flags) {
   return json;
 }
 
-void read_value(const Json& json, const FieldInfo&, const std::string& path, bool& value) {
-  if (!json.is_boolean()) refuse_json(path, "true or false", json);
-  value = json.get<bool>();
+void read_value(const JsonField& field, const FieldInfo&, bool& value) {
+  if (!field.value.is_boolean()) refuse(field, "true or false");
+  value = field.value.get<bool>();
 }
 
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::string& value) {
-  if (!json.is_string()) refuse_json(path, "a string", json);
-  value = json.get<std::string>();
-  check_text(excerpt(value), info.form, path);
+void read_value(const JsonField& field, const FieldInfo& info, std::string& value) {
+  value = text(field);
+  if (info.form != Form::any) check_text(excerpt(value), info.form, name_of(field));
 }
 
-void read_flags(const Json& json, const std::string& path, const Members& members, void* flags) {
-  if (!json.is_array()) refuse_json(path, "an array of names", json);
+void read_value(const JsonField& field, const FieldInfo& info, int& value) { read_integer(field, info, value); }
+void read_value(const JsonField& field, const FieldInfo& info, std::uint64_t& value) { read_integer(field, info, value); }
+void read_value(const JsonField& field, const FieldInfo& info, float& value) { read_real(field, info, value); }
+void read_value(const JsonField& field, const FieldInfo& info, double& value) { read_real(field, info, value); }
+
+void read_flags(const JsonField& field, const Members& members, void* flags) {
+  const std::size_t count = require_array(field, "an array of names").size();
   const auto flag = [&](const Member& one) -> bool& { return *reinterpret_cast<bool*>(static_cast<char*>(flags) + one.offset); };
   for (const Member& one : members) flag(one) = false;
-  for (std::size_t i = 0; i < json.size(); ++i) {
-    if (!json[i].is_string()) refuse_json(element(path, i), "a name", json[i]);
-    const auto& name = json[i].get_ref<const std::string&>();
+  for (std::size_t i = 0; i < count; ++i) {
+    const JsonField given = child(field, i);
+    if (!given.value.is_string()) refuse(given, "a name");
+    const auto& name = given.value.get_ref<const std::string&>();
     const auto found = std::ranges::find(members, name, &Member::name);
-    if (found == members.end()) refuse_name(element(path, i), name, names_of(members));
+    if (found == members.end()) refuse_name(given, name, names_of(members));
     flag(*found) = true;
   }
 }
 
-std::size_t read_name(const Json& json, const std::string& path, std::span<const char* const> names) {
-  if (!json.is_string()) refuse_json(path, "a name", json);
-  const auto& name = json.get_ref<const std::string&>();
+std::size_t read_name(const JsonField& field, std::span<const char* const> names) {
+  if (!field.value.is_string()) refuse(field, "a name");
+  const auto& name = field.value.get_ref<const std::string&>();
   const auto found = std::ranges::find(names, name);
-  if (found == names.end()) refuse_name(path, name, std::vector<std::string_view>(names.begin(), names.end()));
+  if (found == names.end()) refuse_name(field, name, std::vector<std::string_view>(names.begin(), names.end()));
   return static_cast<std::size_t>(found - names.begin());
 }
 
-void read_object(const Json& json, const std::string& path, const Members& members, void* config) {
-  if (!json.is_object()) refuse_json(path, "an object", json);
-  for (const auto& [key, value] : json.items()) {
-    if (std::ranges::find(members, key, &Member::name) == members.end()) {
-      refuse_name(member(path, excerpt(key)), key, names_of(members));
-    }
+void read_object(const JsonField& field, const Members& members, void* config) {
+  if (!field.value.is_object()) refuse(field, "an object");
+  for (const auto& [key, value] : field.value.items()) {
+    if (std::ranges::find(members, key, &Member::name) != members.end()) continue;
+    if (!field.is_config) json::refuse_unknown(field, key, names_of(members));
+    refuse_name(child(field, key, value), key, names_of(members));
   }
   for (const Member& one : members) {
-    const std::string name(one.name);
-    const auto given = json.find(name);
-    if (given != json.end()) one.type->read(*given, *one.info, member(path, name), static_cast<char*>(config) + one.offset);
+    if (const auto given = find(field, one.name)) one.type->read(*given, *one.info, static_cast<char*>(config) + one.offset);
   }
 }
 
-void require_array(const Json& json, const std::string& path) {
-  constexpr std::size_t kMax = LidarConfig::kMaxRays;
-  if (!json.is_array()) refuse_json(path, "an array", json);
-  require(json.size() <= kMax, path, "at most " + std::to_string(kMax) + " values", json.size());
+std::size_t size_of_list(const JsonField& field) {
+  constexpr std::size_t kMax = LidarConfig::kMaxRays;  // the longest list of a configuration
+  const std::size_t size = require_array(field, "an array").size();
+  if (field.is_config && size > kMax) refuse(field, "at most " + std::to_string(kMax) + " values", size);
+  return size;
 }
 
-void require_array_of(std::size_t size, const Json& json, const std::string& path) {
-  if (!json.is_array() || json.size() != size) refuse_json(path, "an array of " + std::to_string(size), json);
-}
-
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, int& value) {
-  read_integer(json, info, path, value);
-}
-
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::uint64_t& value) {
-  read_integer(json, info, path, value);
-}
-
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, float& value) {
-  read_real(json, info, path, value);
-}
-
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, double& value) {
-  read_real(json, info, path, value);
+void require_array_of(std::size_t size, const JsonField& field) {
+  if (!field.value.is_array() || field.value.size() != size) refuse(field, "an array of " + std::to_string(size));
 }
 
 }  // namespace flockstep::config_values

@@ -1,7 +1,8 @@
-// Converts values of configurations to JSON and back, based on their lists of fields; see recipe/config_json.hpp. Include it in
-// files that instantiate the templates for their configurations.
+// Converts values of configurations to JSON and back, based on their lists of fields; see recipe/config_json.hpp. Scene files are
+// read by the same functions; see formats/scene_values.hpp. Include it in files that instantiate the templates.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -16,12 +17,14 @@
 
 #include "base/check_fields.hpp"
 #include "base/field_offsets.hpp"
+#include "base/interrupt.hpp"
+#include "base/json_document.hpp"
 #include "base/world_field.hpp"
 #include "flockstep/fields.hpp"
 
 namespace flockstep::config_values {
 
-using Json = nlohmann::json;
+using json::JsonField;
 using OrderedJson = nlohmann::ordered_json;
 
 std::string member(const std::string& path, const std::string& key);
@@ -30,7 +33,7 @@ std::string element(const std::string& path, std::size_t index);
 // Writes and reads values of one type.
 struct ValueType {
   OrderedJson (*write)(const void* value, const std::string& path);
-  void (*read)(const Json& json, const FieldInfo& info, const std::string& path, void* value);
+  void (*read)(const JsonField& field, const FieldInfo& info, void* value);
 };
 
 // A field of a configuration. Only type-dependent code is a template, because each instance costs compile time.
@@ -100,65 +103,73 @@ OrderedJson written(const Values& values, const std::string& path) {
 
 // -- Reading
 
-void read_value(const Json& json, const FieldInfo&, const std::string& path, bool& value);
-inline void read_value(const Json& json, const FieldInfo&, const std::string& path, WorldField& world) {
-  world = read_world_field(json, path);
+void read_value(const JsonField& field, const FieldInfo& info, bool& value);
+void read_value(const JsonField& field, const FieldInfo& info, std::string& value);
+void read_value(const JsonField& field, const FieldInfo& info, int& value);
+void read_value(const JsonField& field, const FieldInfo& info, std::uint64_t& value);
+void read_value(const JsonField& field, const FieldInfo& info, float& value);
+void read_value(const JsonField& field, const FieldInfo& info, double& value);
+inline void read_value(const JsonField& field, const FieldInfo&, WorldField& world) {
+  world = read_world_field(field.value, name_of(field));
 }
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::string& value);
-void read_flags(const Json& json, const std::string& path, const Members& members, void* flags);
-std::size_t read_name(const Json& json, const std::string& path, std::span<const char* const> names);
-void read_object(const Json& json, const std::string& path, const Members& members, void* config);
-void require_array(const Json& json, const std::string& path);
-void require_array_of(std::size_t size, const Json& json, const std::string& path);
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, int& value);
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::uint64_t& value);
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, float& value);
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, double& value);
 template <class Value>
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::vector<Value>& values);
+void read_value(const JsonField& field, const FieldInfo& info, std::vector<Value>& values);
 template <class Value, std::size_t kSize>
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::array<Value, kSize>& values);
+void read_value(const JsonField& field, const FieldInfo& info, std::array<Value, kSize>& values);
+
+void read_flags(const JsonField& field, const Members& members, void* flags);
+void read_object(const JsonField& field, const Members& members, void* config);
+std::size_t size_of_list(const JsonField& field);
+void require_array_of(std::size_t size, const JsonField& field);
+// Returns the position of a name in a list of them.
+std::size_t read_name(const JsonField& field, std::span<const char* const> names);
+template <class Enum>
+Enum read_choice(const JsonField& field) {
+  return static_cast<Enum>(read_name(field, EnumNames<Enum>::kNames));
+}
 
 template <class Enum>
   requires std::is_enum_v<Enum>
-void read_value(const Json& json, const FieldInfo&, const std::string& path, Enum& value) {
-  value = static_cast<Enum>(read_name(json, path, EnumNames<Enum>::kNames));
+void read_value(const JsonField& field, const FieldInfo&, Enum& value) {
+  value = read_choice<Enum>(field);
 }
 template <HasFields Config>
-void read_value(const Json& json, const FieldInfo&, const std::string& path, Config& config) {
+void read_value(const JsonField& field, const FieldInfo&, Config& config) {
   if constexpr (are_all_bools<Config>()) {
-    read_flags(json, path, members_of<Config>(), &config);
+    read_flags(field, members_of<Config>(), &config);
   } else {
-    read_object(json, path, members_of<Config>(), &config);
+    read_object(field, members_of<Config>(), &config);
   }
 }
 template <class Value>
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::optional<Value>& value) {
-  if (json.is_null()) {
-    value.reset();
-  } else {
-    read_value(json, info, path, value.emplace());
-  }
+void read_value(const JsonField& field, const FieldInfo& info, std::optional<Value>& value) {
+  value.reset();
+  if (!field.is_config || !field.value.is_null()) read_value(field, info, value.emplace());
 }
 template <class Value>
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::vector<Value>& values) {
-  require_array(json, path);
-  values = std::vector<Value>(json.size());
-  for (std::size_t i = 0; i < values.size(); ++i) read_value(json[i], info, element(path, i), values[i]);
+void read_value(const JsonField& field, const FieldInfo& info, std::vector<Value>& values) {
+  values = std::vector<Value>(size_of_list(field));
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    Interrupt::poll();
+    read_value(child(field, i), info, values[i]);
+  }
 }
 template <class Value, std::size_t kSize>
-void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::array<Value, kSize>& values) {
-  require_array_of(kSize, json, path);
-  for (std::size_t i = 0; i < kSize; ++i) read_value(json[i], info.of_element(i), element(path, i), values[i]);
-  check_value(values, info, path);
+void read_value(const JsonField& field, const FieldInfo& info, std::array<Value, kSize>& values) {
+  require_array_of(kSize, field);
+  for (std::size_t i = 0; i < kSize; ++i) read_value(child(field, i), info.of_element(i), values[i]);
+  if (info.form == Form::direction && !field.is_config) {  // in double precision: float32 rounds small numbers to 0
+    const bool is_zero = std::ranges::all_of(field.value, [](const auto& number) { return number == 0; });
+    if (is_zero) refuse(field, "a direction that is not 0");
+    return;
+  }
+  if (info.form != Form::any) check_value(values, info, name_of(field));
 }
 
 template <class Value>
 constexpr ValueType kValueType{
     [](const void* value, const std::string& path) { return written(*static_cast<const Value*>(value), path); },
-    [](const Json& json, const FieldInfo& info, const std::string& path, void* value) {
-      read_value(json, info, path, *static_cast<Value*>(value));
-    }};
+    [](const JsonField& field, const FieldInfo& info, void* value) { read_value(field, info, *static_cast<Value*>(value)); }};
 
 template <class Config>
 const Members& members_of() {

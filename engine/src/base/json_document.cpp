@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <iterator>
@@ -107,11 +108,25 @@ void take_apart(Json& value) noexcept {
 
 }  // namespace
 
-std::string Path::pointer() const {
+std::string JsonPath::pointer() const {
   std::string text;
   for (std::size_t i = 0; i < depth_; ++i) {
     text += '/';
     text += steps_[i].key.data() == nullptr ? std::to_string(steps_[i].index) : escaped(steps_[i].key);
+  }
+  return text;
+}
+
+std::string Path::member() const {
+  std::string text;
+  for (std::size_t i = 0; i < depth_; ++i) {
+    const auto& [key, index] = steps_[i];
+    if (key.data() == nullptr) {
+      text += '[' + std::to_string(index) + ']';
+    } else {
+      if (!text.empty()) text += '.';
+      text += excerpt(key);
+    }
   }
   return text;
 }
@@ -123,6 +138,11 @@ std::string excerpt_of(const Json& value) {
 }
 
 std::string name_of(const JsonField& field) {
+  if (field.is_config) {
+    const std::string member = field.path.member();
+    if (member.empty()) return field.source.empty() ? "configuration" : field.source;
+    return field.source + (field.source.empty() || member.starts_with('[') ? "" : ".") + member;
+  }
   constexpr std::size_t kMaxPointer = 200;
   const std::string pointer = field.path.pointer();
   return field.source + (pointer.empty() ? "" : ": " + excerpt(pointer, kMaxPointer));
@@ -133,11 +153,11 @@ void fail(const JsonField& field, const std::string& what) { throw std::invalid_
 void refuse(const JsonField& field, const std::string& expected) { refuse(field, expected, excerpt_of(field.value)); }
 
 JsonField child(const JsonField& parent, std::string_view key, const Json& value) {
-  return JsonField{value, parent.path / key, parent.source};
+  return JsonField{value, parent.path / key, parent.source, parent.is_config};
 }
 
 JsonField child(const JsonField& parent, std::size_t index) {
-  return JsonField{parent.value.at(index), parent.path / index, parent.source};
+  return JsonField{parent.value.at(index), parent.path / index, parent.source, parent.is_config};
 }
 
 std::optional<JsonField> find(const JsonField& object, std::string_view key) {
@@ -176,6 +196,19 @@ void check_object(const JsonField& field, std::initializer_list<std::string_view
 const Json& require_array(const JsonField& field, const char* expected) {
   if (!field.value.is_array()) refuse(field, expected);
   return field.value;
+}
+
+const std::string& text(const JsonField& field) {
+  if (!field.value.is_string()) refuse(field, "a string");
+  return field.value.get_ref<const std::string&>();
+}
+
+std::uint64_t integer(const JsonField& field, std::uint64_t least, std::uint64_t most) {
+  const double value = field.value.is_number() ? field.value.get<double>() : -1.0;
+  if (!(value >= static_cast<double>(least) && value <= static_cast<double>(most) && value == std::floor(value))) {
+    refuse(field, "an integer in [" + std::to_string(least) + ", " + std::to_string(most) + ']');
+  }
+  return static_cast<std::uint64_t>(value);
 }
 
 // Builds a document from parser events. Unlike nlohmann's own builder it rejects repeated fields, which JSON allows but which

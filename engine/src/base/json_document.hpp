@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <initializer_list>
 #include <map>
@@ -22,12 +23,13 @@ using Json = nlohmann::json;  // finds keys fast, does not keep their order
 
 // Path to a value in the document, for messages; it becomes text only when a message needs it. Its keys are views of strings
 // that the document or the program owns.
-class Path {
+class JsonPath {
  public:
-  Path operator/(std::string_view key) const { return with({key, 0}); }
-  Path operator/(std::size_t index) const { return with({{}, index}); }
+  JsonPath operator/(std::string_view key) const { return with({key, 0}); }
+  JsonPath operator/(std::size_t index) const { return with({{}, index}); }
 
   std::string pointer() const;  // RFC 6901
+  std::string member() const;   // "beams[0].yaw_deg"
 
  private:
   struct Step {
@@ -35,8 +37,8 @@ class Path {
     std::size_t index = 0;
   };
 
-  Path with(Step step) const {
-    Path longer = *this;
+  JsonPath with(Step step) const {
+    JsonPath longer = *this;
     longer.steps_.at(longer.depth_++) = step;
     return longer;
   }
@@ -49,14 +51,15 @@ class Path {
 // A value and its path in the document.
 struct JsonField {
   const Json& value;
-  Path path;
+  JsonPath path;
   const std::string& source;
+  bool is_config = false;  // the field of a configuration: named "source.member[0]", and null is a value
 };
 
 // Returns the value as JSON, shortened for a message.
 std::string excerpt_of(const Json& value);
 
-// "source: /place/of/the/field"
+// "source: /place/of/the/field", or "source.member[0]" in a configuration
 std::string name_of(const JsonField& field);
 
 [[noreturn]] void fail(const JsonField& field, const std::string& what);
@@ -83,6 +86,10 @@ void check_version(const JsonField& root, std::string_view key, int version);
 void check_object(const JsonField& field, std::initializer_list<std::string_view> known);
 const Json& require_array(const JsonField& field, const char* expected);
 
+// Returns the value, which must be a string, or a whole number in this range, also written as 7.0.
+const std::string& text(const JsonField& field);
+std::uint64_t integer(const JsonField& field, std::uint64_t least, std::uint64_t most);
+
 // Returns the double with the fewest digits that rounds to the same float32 as the value. Returns a value that is not a float32
 // unchanged, such as a sum or difference that needs more digits.
 double shortest(double value);
@@ -98,7 +105,7 @@ class Document {
   Document(const Document&) = delete;
   Document& operator=(const Document&) = delete;
 
-  JsonField root() const { return {root_, Path(), source_}; }
+  JsonField root() const { return {root_, JsonPath(), source_}; }
   std::span<const std::string> ordered_keys(std::string_view of) const;
 
  private:

@@ -71,7 +71,7 @@ struct RandomKey {
 
   EnvIndex env;
   std::uint32_t member = 0;
-  std::size_t drone = kNone;  // of several in an env
+  std::size_t drone = kNone;  // index, if an env has several
 
   static RandomKey of(EnvIndex env) { return {env}; }
   static RandomKey of(DroneIndex drone, std::size_t drones_per_env) {

@@ -174,7 +174,7 @@ class Arenas {
   long owner_ = process_id();
   const long made_by_ = process_id();
   std::atomic<std::size_t> wanted_{0};  // threads of the arenas that were taken, without those of their callers
-  std::size_t started_ = 0;             // of oneTBB
+  std::size_t started_ = 0;             // workers that oneTBB has started
   std::vector<Arena> free_;
   std::size_t made_ = 0;
   std::size_t allowed_ = 0;

@@ -1,7 +1,6 @@
 #include "flockstep/batch.hpp"
 
 #include <algorithm>
-#include <array>
 #include <utility>
 
 #include "base/interrupt.hpp"
@@ -25,13 +24,7 @@ namespace {
 // The pose given by a row. A missing position or quaternion keeps its current value; quaternions are normalised.
 Pose requested_pose(const Simulation& sim, DroneIndex drone, std::size_t row, std::span<const float> position,
                     std::span<const float> quat_wxyz) {
-  Pose pose = pose_of(sim.state, drone);
-  if (!position.empty()) pose.position = Vec3(position[3 * row], position[3 * row + 1], position[3 * row + 2]);
-  if (!quat_wxyz.empty()) {
-    const float* const q = quat_wxyz.data() + 4 * row;
-    pose.rotation = Quat(q[0], q[1], q[2], q[3]).normalized();
-  }
-  return pose;
+  return given_pose(pose_of(sim.state, drone), row, position, quat_wxyz);
 }
 
 // The pose at which a drone is placed. Without a quaternion, a drone with rotors is level and faces +x: a new episode must not
@@ -43,9 +36,16 @@ Pose placed_pose(const Simulation& sim, DroneIndex drone, std::size_t row, std::
   return pose;
 }
 
-// Draws the numbers of an env or a drone from a user stream.
-void draw_row(const State& state, RandomKey key, std::uint32_t stream, std::span<float> row) {
-  for (std::size_t k = 0; k < row.size(); ++k) row[k] = draw_uniform(state, key, stream, static_cast<std::uint32_t>(k));
+// Draws the numbers of envs or drones, a row for each, from a user stream.
+template <class KeyOf>
+void draw_rows(const State& state, std::uint32_t stream, int count, std::size_t rows, const KeyOf& key_of, std::span<float> out) {
+  checks::random(stream, count);
+  const auto columns = static_cast<std::uint32_t>(count);
+  checks::size(out.size(), rows * columns, "out");
+  for (std::size_t row = 0; row < rows; ++row) {
+    const RandomKey key = key_of(row);
+    for (std::uint32_t k = 0; k < columns; ++k) out[row * columns + k] = draw_uniform(state, key, stream, k);
+  }
 }
 
 // Puts a drone at a pose, at rest.
@@ -327,7 +327,7 @@ std::vector<std::int64_t> Batch::spawn(std::span<const std::int64_t> indices, st
     } else {
       forget_readings(sim, drone);
     }
-    put_drone(sim, drone, requested_pose(sim, drone, row, position, quat_wxyz));
+    put_drone(sim, drone, placed_pose(sim, drone, row, position, quat_wxyz));
     if (!sim.task_state) continue;
     if (begins[env]) start_counts(sim, env);
     sim.outputs.clear(sim.row_of(drone));
@@ -397,34 +397,22 @@ void Batch::begin_episode(EnvMask mask) {
 
 void Batch::random(std::uint32_t stream, int count, std::span<float> out) const {
   const CallGuard guard(*lock_);
-  checks::random(stream, count);
-  const auto columns = static_cast<std::size_t>(count);
-  checks::size(out.size(), sim_->num_envs() * columns, "out");
-  for (std::size_t env = 0; env < sim_->num_envs(); ++env) {
-    draw_row(sim_->state, RandomKey::of(EnvIndex(env)), stream, out.subspan(env * columns, columns));
-  }
+  const auto key_of = [](std::size_t row) { return RandomKey::of(EnvIndex(row)); };
+  draw_rows(sim_->state, stream, count, sim_->num_envs(), key_of, out);
 }
 
 void Batch::random(std::uint32_t stream, int count, std::span<const std::int64_t> envs, std::span<float> out) const {
   const CallGuard guard(*lock_);
-  checks::random(stream, count);
   checks::indices(envs, sim_->num_envs(), "rows");
-  const auto columns = static_cast<std::size_t>(count);
-  checks::size(out.size(), envs.size() * columns, "out");
-  for (std::size_t row = 0; row < envs.size(); ++row) {
-    draw_row(sim_->state, RandomKey::of(EnvIndex(envs[row])), stream, out.subspan(row * columns, columns));
-  }
+  const auto key_of = [&](std::size_t row) { return RandomKey::of(EnvIndex(envs[row])); };
+  draw_rows(sim_->state, stream, count, envs.size(), key_of, out);
 }
 
 void Batch::random_of_drones(std::uint32_t stream, int count, std::span<const std::int64_t> drones, std::span<float> out) const {
   const CallGuard guard(*lock_);
-  checks::random(stream, count);
   checks::indices(drones, sim_->num_drones(), "rows");
-  const auto columns = static_cast<std::size_t>(count);
-  checks::size(out.size(), drones.size() * columns, "out");
-  for (std::size_t row = 0; row < drones.size(); ++row) {
-    draw_row(sim_->state, sim_->random_key(DroneIndex(drones[row])), stream, out.subspan(row * columns, columns));
-  }
+  const auto key_of = [&](std::size_t row) { return sim_->random_key(DroneIndex(drones[row])); };
+  draw_rows(sim_->state, stream, count, drones.size(), key_of, out);
 }
 
 // --------------------------------------------------------------------------------------------------------------- snapshots

@@ -5,7 +5,6 @@
 #include <span>
 #include <sstream>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "base/in_world.hpp"
@@ -56,21 +55,10 @@ struct BodyRows {
     if (!angular_velocity.empty()) {
       checks::turn_within_ticks(static_cast<double>(Vec3::Map(angular_velocity.data() + 3 * row).norm()), clock, where);
     }
-    if (quat_wxyz.empty()) return;
-    const float* const q = quat_wxyz.data() + 4 * row;
-    const double norm = std::hypot(std::hypot(static_cast<double>(q[0]), q[1]), std::hypot(static_cast<double>(q[2]), q[3]));
-    if (std::abs(norm - 1.0) < 1e-2) return;
-    refuse("quat_wxyz" + where, "a unit quaternion (w, x, y, z)", "one of norm " + std::to_string(norm));
+    if (!quat_wxyz.empty()) checks::unit_quaternion(quat_wxyz.data() + 4 * row, [&] { return "quat_wxyz" + where; });
   }
 
-  Pose pose(std::size_t row, Pose pose) const {
-    if (!position.empty()) pose.position = Vec3::Map(position.data() + 3 * row);
-    if (!quat_wxyz.empty()) {
-      const float* const q = quat_wxyz.data() + 4 * row;
-      pose.rotation = Quat(q[0], q[1], q[2], q[3]).normalized();
-    }
-    return pose;
-  }
+  Pose pose(std::size_t row, const Pose& now) const { return given_pose(now, row, position, quat_wxyz); }
   Velocity turning(std::size_t row, Velocity now) const {
     if (!velocity.empty()) now.linear = Vec3::Map(velocity.data() + 3 * row);
     if (!angular_velocity.empty()) now.angular = Vec3::Map(angular_velocity.data() + 3 * row);
@@ -202,11 +190,7 @@ void Batch::is_free(std::span<const std::int64_t> drones, std::span<const float>
   checks::poses(position, quat_wxyz, count);
   checks::size(out.size(), count, "out");
   for (std::size_t row = 0; row < count; ++row) {
-    Pose pose{Vec3::Map(position.data() + 3 * row), Quat::Identity()};
-    if (!quat_wxyz.empty()) {
-      const float* const q = quat_wxyz.data() + 4 * row;
-      pose.rotation = Quat(q[0], q[1], q[2], q[3]).normalized();
-    }
+    const Pose pose = given_pose({}, row, position, quat_wxyz);
     out[row] = sim.context->is_free(DroneIndex(drones.empty() ? row : static_cast<std::size_t>(drones[row])), pose);
   }
 }

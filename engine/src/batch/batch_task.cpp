@@ -144,11 +144,8 @@ void Batch::reset_drones(DroneMask mask) {
 
 void Batch::step(std::span<const std::int64_t> actions) {
   const LongCallGuard guard(*lock_);
-  checks::not_stepping(*sim_, "step");
-  checks::has_task(*sim_);
+  checks::can_step(*sim_);
   checks::actions(*sim_, actions);
-  checks::require_not_interrupted(*sim_);
-  checks::require_started(*sim_);
   if (sim_->task_state->actions.type() == DType::int64) {
     std::copy(actions.begin(), actions.end(), sim_->task_state->next_actions<std::int64_t>());
   } else {
@@ -160,20 +157,15 @@ void Batch::step(std::span<const std::int64_t> actions) {
 
 void Batch::step(std::span<const float> actions) {
   const LongCallGuard guard(*lock_);
-  checks::not_stepping(*sim_, "step");
-  checks::has_task(*sim_);
+  checks::can_step(*sim_);
   checks::actions(*sim_, actions);
-  checks::require_not_interrupted(*sim_);
-  checks::require_started(*sim_);
   std::copy(actions.begin(), actions.end(), sim_->task_state->next_actions<float>());
   flockstep::step(*sim_);
 }
+
 void Batch::step(Pilot& pilot) {
   const LongCallGuard guard(*lock_);
-  checks::not_stepping(*sim_, "step");
-  checks::has_task(*sim_);
-  checks::require_not_interrupted(*sim_);
-  checks::require_started(*sim_);
+  checks::can_step(*sim_);
   std::swap(sim_->task_state->actions, sim_->task_state->actions_before);  // rows of removed drones keep older ones
   flockstep::step(*sim_, &pilot);
 }

@@ -8,6 +8,7 @@
 
 #include "base/interrupt.hpp"
 #include "base/platform.hpp"
+#include "batch/growth.hpp"
 #include "flockstep/batch_lock.hpp"
 #include "flockstep/served_batch.hpp"
 
@@ -122,6 +123,14 @@ void ServedBatch::end() {
 bool ServedBatch::is_served(const Batch& batch) { return batch.lock_->is_shared(); }
 std::int64_t ServedBatch::generation(const Batch& batch) { return batch.lock_->generation(); }
 std::shared_ptr<const void> ServedBatch::memory(const Batch& batch) { return batch.sim_; }
+
+ServedBatch::NextSlot ServedBatch::next_slot(const Batch& batch, std::span<const std::int64_t> env) {
+  const CallGuard guard(*batch.lock_);
+  const Simulation& sim = *batch.sim_;
+  const SpawnPlan plan = plan_spawn(sim, {}, env, 1);
+  return {.env = EnvIndex(static_cast<std::size_t>(plan.indices[0]) / plan.drones_per_env),
+          .renumbers = sim.num_envs() > 1 && plan.drones_per_env != sim.drones_per_env()};
+}
 
 void ServedBatch::run_moves_with(Batch& batch, std::function<void(const std::function<void()>&)> run) {
   const CallGuard guard(*batch.lock_);

@@ -91,7 +91,7 @@ class CallLock {
   std::atomic<bool> is_shared_{false};   // written with the lock and the mutex
   std::atomic<std::uint64_t> turns_{0};  // written with the lock
   std::atomic<int> num_waiting_{0};      // length of queue_
-  std::mutex mutex_;                     // of queue_
+  std::mutex mutex_;                     // guards queue_
   std::condition_variable turn_;         // the lock was released, or a waiting thread left the queue
   std::deque<Waiter> queue_;             // threads that wait, first come first
   std::function<void()> before_long_call_;

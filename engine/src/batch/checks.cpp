@@ -249,6 +249,13 @@ void require_started(const Simulation& sim) {
   }
 }
 
+void can_step(const Simulation& sim) {
+  not_stepping(sim, "step");
+  has_task(sim);
+  require_not_interrupted(sim);
+  require_started(sim);
+}
+
 void index(const Simulation& sim, DroneIndex drone) {
   if (drone < sim.num_drones()) return;
   refuse("index", "an integer in [0, " + std::to_string(sim.num_drones()) + ")", std::size_t{drone});
@@ -300,10 +307,7 @@ void poses(std::span<const float> position, std::span<const float> quat_wxyz, st
     if (!is_in_world(position[i])) refuse(row_of("position", i / 3), in_world("finite coordinates"), position[i]);
   }
   for (std::size_t row = 0; row < quat_wxyz.size() / 4; ++row) {
-    const float* const q = quat_wxyz.data() + 4 * row;
-    const double norm = std::hypot(std::hypot(static_cast<double>(q[0]), q[1]), std::hypot(static_cast<double>(q[2]), q[3]));
-    if (std::abs(norm - 1.0) < 1e-2) continue;
-    refuse(row_of("quat_wxyz", row), "a unit quaternion (w, x, y, z)", "one of norm " + std::to_string(norm));
+    unit_quaternion(quat_wxyz.data() + 4 * row, [&] { return row_of("quat_wxyz", row); });
   }
 }
 

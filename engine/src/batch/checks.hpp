@@ -2,6 +2,7 @@
 // the field, the expected and the given value for a bad argument, otherwise std::logic_error or std::runtime_error.
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -49,6 +50,7 @@ std::optional<std::size_t> angles(Control control, std::span<const float> comman
 // Returns a warning of such a row.
 std::string far_yaw(std::string_view field, std::span<const float> command, std::size_t row);
 void has_task(const Simulation& sim);
+void can_step(const Simulation& sim);
 void spec(const TaskSpec& spec);                      // fields that a task declares
 void require_not_interrupted(const Simulation& sim);  // no step or reset was cut short
 void require_started(const Simulation& sim);          // every active env is in an episode
@@ -64,6 +66,12 @@ void mask(const Simulation& sim, DroneMask mask);
 // begins: (E,) 1 if the env has no other active drones.
 void spawns(const Simulation& sim, std::span<const std::int64_t> indices, std::span<const std::uint8_t> begins,
             std::span<const std::int32_t> world_index);
+// name(): returns the field, for the message.
+template <class Name>
+void unit_quaternion(const float* q, const Name& name) {
+  const double norm = std::hypot(std::hypot(static_cast<double>(q[0]), q[1]), std::hypot(static_cast<double>(q[2]), q[3]));
+  if (!(std::abs(norm - 1.0) < 1e-2)) refuse(name(), "a unit quaternion (w, x, y, z)", "one of norm " + std::to_string(norm));
+}
 void poses(std::span<const float> position, std::span<const float> quat_wxyz, std::size_t rows);
 void world_index(const Simulation& sim, std::span<const std::int32_t> world_index, std::size_t rows);
 void actions(const Simulation& sim, std::span<const std::int64_t> actions);

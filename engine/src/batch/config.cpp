@@ -7,6 +7,7 @@
 
 #include "base/check_fields.hpp"
 #include "base/require.hpp"
+#include "batch/growth.hpp"
 #include "bodies/body_model.hpp"
 #include "sensors/sensor.hpp"
 
@@ -105,8 +106,9 @@ void BatchConfig::validate() const {
           "at least 50 Hz for motion by rotors (500 is usual)", clock.ticks_hz());
   require(max_bodies == 0 || max_bodies >= static_cast<int>(bodies.size()), "max_bodies",
           "at least the number of bodies (" + std::to_string(bodies.size()) + "), or 0", max_bodies);
-  require(interaction == Interaction::none || drones_per_env <= kMaxBodies, "drones_per_env",
-          "at most " + std::to_string(kMaxBodies) + " unless interaction is \"none\"", drones_per_env);
+  const std::size_t most = max_drones_per_env(interaction);
+  require(static_cast<std::size_t>(drones_per_env) <= most, "drones_per_env",
+          "at most " + std::to_string(most) + " unless interaction is \"none\"", drones_per_env);
   require(drone_mesh == nullptr || senses(interaction), "drone_mesh", "None unless interaction is \"sense\" or \"both\"",
           "a world");
   if (drone_mesh != nullptr) require_mesh(*drone_mesh, "drone_mesh");

@@ -2,16 +2,11 @@
 
 #include <algorithm>
 #include <array>
-#include <numeric>
-#include <string>
-#include <type_traits>
 #include <utility>
 
 #include "base/indices.hpp"
 #include "base/random.hpp"
-#include "base/require.hpp"
 #include "batch/bad_states.hpp"
-#include "batch/checks.hpp"
 #include "world/scene_description.hpp"
 
 namespace flockstep {
@@ -45,22 +40,8 @@ void compare_actions(const TaskState& task_state, std::size_t first_env, std::si
                      EpisodeState& episodes) {
   const std::size_t first = first_env * rows, count = num_envs * rows;
   std::uint8_t* const changed = episodes.action_changed.data() + first;
-  switch (task_state.actions.type()) {
-    case DType::int32:
-      compare_rows<std::int32_t>(task_state.actions, task_state.actions_before, first, count, changed);
-      break;
-    case DType::int64:
-      compare_rows<std::int64_t>(task_state.actions, task_state.actions_before, first, count, changed);
-      break;
-    case DType::float32:
-      compare_rows<float>(task_state.actions, task_state.actions_before, first, count, changed);
-      break;
-    case DType::float64:
-      compare_rows<double>(task_state.actions, task_state.actions_before, first, count, changed);
-      break;
-    default:
-      compare_rows<std::uint8_t>(task_state.actions, task_state.actions_before, first, count, changed);
-  }
+  with_type(task_state.actions.type(),
+            [&]<class T>(T) { compare_rows<T>(task_state.actions, task_state.actions_before, first, count, changed); });
   const std::int64_t* const steps = episodes.steps.data() + first;
   for (std::size_t row = 0; row < count; ++row) changed[row] |= steps[row] == 0 ? 1 : 0;
 }
@@ -270,21 +251,6 @@ void select_drones(Simulation& sim, Block& block, EnvIndex env) {
   if (any_resets) block.resetting.push(env);
 }
 
-template <class Enum>
-std::string quoted(Enum value) {
-  return '"' + std::string(EnumNames<Enum>::kNames[static_cast<std::size_t>(value)]) + '"';
-}
-
-// The controls that a task takes, as text for a message.
-std::string controls_of(const Task& task) {
-  std::string list;
-  for (std::size_t i = 0; i < EnumNames<Control>::kNames.size(); ++i) {
-    const auto control = static_cast<Control>(i);
-    if (task.takes(control)) list += (list.empty() ? "" : ", ") + quoted(control);
-  }
-  return "a control that this task takes (" + list + ")";
-}
-
 }  // namespace
 
 bool touches(const Simulation& sim, std::size_t row) {
@@ -329,55 +295,6 @@ void end_rest(Simulation& sim, EnvIndex env) {
     return;
   reactivate(sim, env);
   end_env(sim, env);
-}
-
-void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
-  sim.task_state.emplace(TaskState{.task = std::move(task)});
-  TaskState& task_state = *sim.task_state;
-  const Control control = sim.config.dynamics.control;
-  if (!task_state.task->takes(control)) refuse("control", controls_of(*task_state.task), quoted(control));
-  task_state.task->setup(*sim.context);
-  if (sim.pool) require_world_of_pool(sim, 0, sim.world_pointers[0]);
-  if (!sim.pool) {
-    for (const World* const world : sim.world_pointers) task_state.task->require_world(*world, sim.drone_model);
-  }
-  const TaskSpec& spec = task_state.spec();
-  checks::spec(spec);
-  task_state.rows_per_env = spec.row == Row::drone ? sim.drones_per_env() : 1;
-  require(sim.episodes_mode() == Episodes::team || spec.row == Row::drone, "episodes",
-          "\"team\" for a task with a row for each env, whose drones share an episode", quoted(sim.config.episode.episodes));
-  double bytes = 0.0;  // bytes of a row: two slots, each with the current and the final observation
-  for (const Field& field : spec.observation) bytes += 4.0 * static_cast<double>(field.size() * size_of(field.type));
-  const std::size_t n = sim.num_rows();
-  checks::memory(bytes * static_cast<double>(n));
-  EpisodeState& episodes = sim.episodes;
-  const ArraySizes sizes{
-      .num_envs = sim.num_envs(), .num_drones = sim.num_drones(), .num_task_rows = n, .num_terms = spec.reward_terms.size()};
-  allocate(episodes, sizes);
-  if (sim.episodes_mode() != Episodes::team) allocate(sim.state.own, sizes);
-  if (sim.episodes_mode() == Episodes::each) sim.begins.resize(n);
-  task_state.actions = task_state.actions_before = Buffer(spec.action, n);
-  const bool uses_pose_targets = sim.config.dynamics.control == Control::pose;
-  if (uses_pose_targets) task_state.setpoints.target.resize(sim.num_drones());
-  if (!uses_pose_targets) task_state.setpoints.command.resize(4 * sim.num_drones());
-  if (uses_pose_targets && sim.config.clock.substeps() > 1) task_state.step_start.resize(sim.num_drones());
-  if (spec.records_path) {
-    const auto ticks = static_cast<std::size_t>(sim.config.clock.substeps());
-    checks::memory(12.0 * static_cast<double>(ticks + 1) * static_cast<double>(sim.num_drones()));
-    task_state.path.resize(3 * (ticks + 1) * sim.num_drones());
-    for (const auto& scratch : sim.scratches) scratch->flight.path.resize(ticks);
-  }
-  task_state.score.num_terms = spec.reward_terms.size();
-  task_state.score.terms.resize(n * task_state.score.num_terms);
-  task_state.score.terminated.resize(n);
-  task_state.score.truncated.resize(n);
-  task_state.score.success.resize(n);
-  task_state.score.left_area.resize(n);
-  if (sim.config.episode.frame_skip > 1) task_state.earned.resize(n * task_state.score.num_terms);
-  task_state.max_episode_steps = sim.config.episode.max_episode_steps.value_or(task_state.task->defaults().max_episode_steps);
-  require(!sim.config.episode.stagger_first_episode || task_state.max_episode_steps > 0, "stagger_first_episode",
-          "False with max_episode_steps=0 (there is no limit to stagger)", "True");
-  sim.outputs.allocate(spec, sizes);
 }
 
 void clear_contact(State& state, DroneIndex drone) {

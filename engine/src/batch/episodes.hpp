@@ -3,14 +3,10 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 
 #include "batch/simulation.hpp"
 
 namespace flockstep {
-
-// Attaches the task to a simulation.
-void begin_task(Simulation& sim, std::unique_ptr<Task> task);
 
 void clear_contact(State& state, DroneIndex drone);
 bool touches(const Simulation& sim, std::size_t row);  // a drone of this row had a contact in its last motion

@@ -64,9 +64,7 @@ void start_flight(Simulation& sim, DroneIndex drone, const Velocity& velocity) {
 }
 
 void place_at_start(Simulation& sim, DroneIndex drone) {
-  const World& world = *sim.world_pointers[sim.slot_of(sim.env_of(drone))];
-  const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2);
-  set_pose_of(sim.state, drone, {start, Quat::Identity()});
+  set_pose_of(sim.state, drone, {sim.world_pointers[sim.slot_of(sim.env_of(drone))]->drone_start(), Quat::Identity()});
   clear_contact(sim.state, drone);
   start_flight(sim, drone, {});
 }

@@ -1,7 +1,6 @@
 #include "batch/growth.hpp"
 
 #include <algorithm>
-#include <cstring>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -22,8 +21,7 @@ std::string below(std::size_t end) { return "an integer in [0, " + std::to_strin
 
 // Drones per env of a batch that needs at least this many. Doubled, so that drones that come one by one rarely move the arrays.
 std::size_t grown_drones_per_env(const Simulation& sim, std::size_t needed) {
-  std::size_t most = kMax / std::max<std::size_t>(sim.num_envs(), 1);
-  if (sim.config.interaction != Interaction::none) most = std::min<std::size_t>(most, kMaxBodies);
+  const std::size_t most = std::min(kMax / std::max<std::size_t>(sim.num_envs(), 1), max_drones_per_env(sim.config.interaction));
   return std::max(needed, std::min(std::max<std::size_t>(2 * sim.drones_per_env(), 2), most));
 }
 
@@ -187,6 +185,8 @@ void copy_camera(sensors::Camera& from, sensors::Camera& to, const RowCopy& copy
 }
 
 }  // namespace
+
+std::size_t max_drones_per_env(Interaction interaction) { return interaction == Interaction::none ? kMax : kMaxBodies; }
 
 SpawnPlan plan_spawn(const Simulation& sim, std::span<const std::int64_t> indices, std::span<const std::int64_t> envs,
                      std::size_t count) {

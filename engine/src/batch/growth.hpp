@@ -21,6 +21,9 @@ struct SpawnPlan {
   std::vector<std::int64_t> indices;  // drones to spawn, in a batch of that size
 };
 
+// Returns the largest number of drones in an env.
+std::size_t max_drones_per_env(Interaction interaction);
+
 // Chooses the slots of `count` drones: the given indices, or the lowest inactive slot of each env in `envs`, or the lowest
 // inactive slots of all. At most one list is not empty. Throws std::invalid_argument if the batch cannot have such slots.
 SpawnPlan plan_spawn(const Simulation& sim, std::span<const std::int64_t> indices, std::span<const std::int64_t> envs,

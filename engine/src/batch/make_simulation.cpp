@@ -112,6 +112,71 @@ std::optional<dynamics::Fleet> fleet_of(const BatchConfig& config, const DroneMo
                          static_cast<std::size_t>(config.num_drones()));
 }
 
+template <class Enum>
+std::string quoted(Enum value) {
+  return '"' + std::string(EnumNames<Enum>::kNames[static_cast<std::size_t>(value)]) + '"';
+}
+
+// The controls that a task takes, as text for a message.
+std::string controls_of(const Task& task) {
+  std::string list;
+  for (std::size_t i = 0; i < EnumNames<Control>::kNames.size(); ++i) {
+    const auto control = static_cast<Control>(i);
+    if (task.takes(control)) list += (list.empty() ? "" : ", ") + quoted(control);
+  }
+  return "a control that this task takes (" + list + ")";
+}
+
+// Attaches the task to a simulation.
+void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
+  sim.task_state.emplace(TaskState{.task = std::move(task)});
+  TaskState& task_state = *sim.task_state;
+  const Control control = sim.config.dynamics.control;
+  if (!task_state.task->takes(control)) refuse("control", controls_of(*task_state.task), quoted(control));
+  task_state.task->setup(*sim.context);
+  if (sim.pool) require_world_of_pool(sim, 0, sim.world_pointers[0]);
+  if (!sim.pool) {
+    for (const World* const world : sim.world_pointers) task_state.task->require_world(*world, sim.drone_model);
+  }
+  const TaskSpec& spec = task_state.spec();
+  checks::spec(spec);
+  task_state.rows_per_env = spec.row == Row::drone ? sim.drones_per_env() : 1;
+  require(sim.episodes_mode() == Episodes::team || spec.row == Row::drone, "episodes",
+          "\"team\" for a task with a row for each env, whose drones share an episode", quoted(sim.config.episode.episodes));
+  double bytes = 0.0;  // bytes of a row: two slots, each with the current and the final observation
+  for (const Field& field : spec.observation) bytes += 4.0 * static_cast<double>(field.size() * size_of(field.type));
+  const std::size_t n = sim.num_rows();
+  checks::memory(bytes * static_cast<double>(n));
+  EpisodeState& episodes = sim.episodes;
+  const ArraySizes sizes{
+      .num_envs = sim.num_envs(), .num_drones = sim.num_drones(), .num_task_rows = n, .num_terms = spec.reward_terms.size()};
+  allocate(episodes, sizes);
+  if (sim.episodes_mode() != Episodes::team) allocate(sim.state.own, sizes);
+  if (sim.episodes_mode() == Episodes::each) sim.begins.resize(n);
+  task_state.actions = task_state.actions_before = Buffer(spec.action, n);
+  const bool uses_pose_targets = sim.config.dynamics.control == Control::pose;
+  if (uses_pose_targets) task_state.setpoints.target.resize(sim.num_drones());
+  if (!uses_pose_targets) task_state.setpoints.command.resize(4 * sim.num_drones());
+  if (uses_pose_targets && sim.config.clock.substeps() > 1) task_state.step_start.resize(sim.num_drones());
+  if (spec.records_path) {
+    const auto ticks = static_cast<std::size_t>(sim.config.clock.substeps());
+    checks::memory(12.0 * static_cast<double>(ticks + 1) * static_cast<double>(sim.num_drones()));
+    task_state.path.resize(3 * (ticks + 1) * sim.num_drones());
+    for (const auto& scratch : sim.scratches) scratch->flight.path.resize(ticks);
+  }
+  task_state.score.num_terms = spec.reward_terms.size();
+  task_state.score.terms.resize(n * task_state.score.num_terms);
+  task_state.score.terminated.resize(n);
+  task_state.score.truncated.resize(n);
+  task_state.score.success.resize(n);
+  task_state.score.left_area.resize(n);
+  if (sim.config.episode.frame_skip > 1) task_state.earned.resize(n * task_state.score.num_terms);
+  task_state.max_episode_steps = sim.config.episode.max_episode_steps.value_or(task_state.task->defaults().max_episode_steps);
+  require(!sim.config.episode.stagger_first_episode || task_state.max_episode_steps > 0, "stagger_first_episode",
+          "False with max_episode_steps=0 (there is no limit to stagger)", "True");
+  sim.outputs.allocate(spec, sizes);
+}
+
 }  // namespace
 
 Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::unique_ptr<Task> task, DroneModel drone,

@@ -18,22 +18,10 @@ void clear_row(Outputs& outputs, std::size_t row) {
 
 // Fills a row with one value for all elements or one for each.
 void fill_row(Buffer& buffer, std::size_t row, const std::vector<double>& values) {
-  const auto write = [&]<class T>(std::span<T> to) {
+  with_type(buffer.type(), [&]<class T>(T) {
+    const std::span<T> to = buffer.row<T>(row);
     for (std::size_t i = 0; i < to.size(); ++i) to[i] = static_cast<T>(values.size() == 1 ? values[0] : values[i]);
-  };
-  switch (buffer.type()) {
-    case DType::boolean:
-    case DType::uint8:
-      return write(buffer.row<std::uint8_t>(row));
-    case DType::int32:
-      return write(buffer.row<std::int32_t>(row));
-    case DType::int64:
-      return write(buffer.row<std::int64_t>(row));
-    case DType::float32:
-      return write(buffer.row<float>(row));
-    case DType::float64:
-      return write(buffer.row<double>(row));
-  }
+  });
 }
 
 }  // namespace

@@ -33,7 +33,7 @@ struct PoolState {
   std::unordered_map<std::int32_t, std::int32_t> slot_of;  // slot by world number
   std::vector<std::uint64_t> contents;                     // (E,) content_hash() of each env's world, for snapshots
   // used during a call
-  std::vector<Move> moves;           // of different envs; (E,) capacity: moves to worlds already present allocate nothing
+  std::vector<Move> moves;           // one per env; (E,) capacity: moves to worlds already present allocate nothing
   std::vector<std::int32_t> wanted;  // (E,) capacity
 };
 

@@ -13,6 +13,16 @@ inline bool is_selected(const Simulation& sim, DroneMask mask, DroneIndex drone)
   return sim.state.active[drone] && mask.selects(drone);
 }
 
+// Returns the pose that a row of arrays gives. What they do not give is that of `pose`; quaternions are normalised.
+inline Pose given_pose(Pose pose, std::size_t row, std::span<const float> position, std::span<const float> quat_wxyz) {
+  if (!position.empty()) pose.position = Vec3::Map(position.data() + 3 * row);
+  if (!quat_wxyz.empty()) {
+    const float* const q = quat_wxyz.data() + 4 * row;
+    pose.rotation = Quat(q[0], q[1], q[2], q[3]).normalized();
+  }
+  return pose;
+}
+
 // Calls f(drone) for each selected active drone, on the calling thread.
 template <class F>
 void for_each_selected(const Simulation& sim, DroneMask mask, const F& f) {

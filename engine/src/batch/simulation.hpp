@@ -48,7 +48,7 @@ struct Scratch {
   std::vector<Pose> poses;                        // start and target of some drones
   bool moved_world = false;                       // an env has moved to another world
   std::unique_ptr<ContactGroups> contact_groups;  // null unless drones touch each other
-  std::vector<MoveRequest> moves;                 // of one env
+  std::vector<MoveRequest> moves;                 // one env's
 };
 
 // The task of a batch, and the data that it exchanges with the episode machine.
@@ -177,7 +177,7 @@ struct Simulation {
   std::vector<const World*> world_pointers;
   std::vector<const trace::Scene*> scenes;
   std::vector<const collision::Obstacles*> obstacles;
-  std::vector<bodies::Models> body_models;  // of World::bodies()
+  std::vector<bodies::Models> body_models;  // one for each of World::bodies()
   const DroneModel drone_model;
   const collision::Hull hull;
   const collision::Corners corners;      // corners of the hull

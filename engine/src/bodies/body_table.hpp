@@ -30,8 +30,6 @@ class BodyTable {
   bool empty() const { return per_env_ == 0; }
   std::size_t per_env() const { return per_env_; }  // B
   std::size_t row_of(EnvIndex env, std::size_t body) const { return env * per_env_ + body; }
-  // Bodies that the env begins an episode with.
-  std::size_t num_first(EnvIndex env) const { return models_of_(env).size() + num_configs_; }
 
   // --- time; State::tick is that of the last advance() or begin()
   void begin(EnvIndex env);  // the bodies of world and configuration, in the first slots, at the start of an episode

@@ -1,7 +1,6 @@
 #include "bodies/seen_drones.hpp"
 
 #include <algorithm>
-#include <string>
 #include <utility>
 
 #include "flockstep/body.hpp"

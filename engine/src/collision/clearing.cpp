@@ -20,7 +20,7 @@ class Nearest {
   // Returns the way (m) to the standoff from the nearest obstacle, 0 if the hull keeps it from all.
   Vec3d way() const { return is_found_ ? Vec3d((margins_.standoff - gap_) * normal_) : Vec3d(Vec3d::Zero()); }
 
-  void test(const Room& room) {
+  void test(const RoomInterior& room) {
     for (int axis = 0; axis < 3; ++axis) {
       for (const bool low : {true, false}) {
         const Plane wall = wall_plane(room, axis, low);
@@ -66,7 +66,7 @@ Pose cleared(const Obstacles& obstacles, std::span<const MovingSolid> bodies, co
   for (int move = 0; move < kMaxMoves && moved.norm() < most; ++move) {
     Nearest nearest(hull, pose, moved);
     const Vec3 center = pose.position + moved.cast<float>();
-    for (const Room& room : obstacles.rooms()) nearest.test(room);
+    for (const RoomInterior& room : obstacles.rooms()) nearest.test(room);
     obstacles.for_each_near(center, hull.radius() + static_cast<float>(Margins(pose, pose).resting()),
                             [&](std::uint32_t element) { nearest.test(obstacles.convex(element)); });
     for (const MovingSolid& body : bodies) nearest.test(body.at(time));

@@ -30,7 +30,7 @@ constexpr double kBeyond = 0.01;         // m; far enough from a body to find it
 // Meets everything near the hull's way, except some bodies.
 template <class IsSkipped>
 void test_all(BodySearch& search, const Obstacles& obstacles, std::span<const MovingSolid> bodies, const IsSkipped& is_skipped) {
-  for (const Room& room : obstacles.rooms()) search.test(room);
+  for (const RoomInterior& room : obstacles.rooms()) search.test(room);
   obstacles.for_each_near(search.middle(), search.reach(),
                           [&](std::uint32_t element) { search.test(obstacles.convex(element), element); });
   for (const MovingSolid& body : bodies) {

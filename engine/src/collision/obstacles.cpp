@@ -34,7 +34,7 @@ Convex Obstacles::convex(std::uint32_t element) const {
 }
 
 bool Obstacles::is_clear(const Vec3& center, float radius) const {
-  for (const Room& room : rooms_) {
+  for (const RoomInterior& room : rooms_) {
     const bool is_in = ((center - room.inside.min).array() > radius).all() && ((room.inside.max - center).array() > radius).all();
     if (!is_in) return false;
   }
@@ -44,7 +44,7 @@ bool Obstacles::is_clear(const Vec3& center, float radius) const {
 }
 
 bool Obstacles::touches(const Vec3& point, float reach) const {
-  for (const Room& room : rooms_) {
+  for (const RoomInterior& room : rooms_) {
     if (((point - room.inside.min).array() < reach).any() || ((room.inside.max - point).array() < reach).any()) return true;
   }
   bool touched = false;
@@ -61,7 +61,7 @@ float Obstacles::distance(const Vec3& point, float most) const {
     Vec3d point;
     double least;
   } search{*this, point.cast<double>(), static_cast<double>(most)};
-  for (const Room& room : rooms_) {
+  for (const RoomInterior& room : rooms_) {
     const Vec3d low = search.point - room.inside.min.cast<double>();
     const Vec3d high = room.inside.max.cast<double>() - search.point;
     search.least = std::clamp(low.cwiseMin(high).minCoeff(), 0.0, search.least);
@@ -71,7 +71,7 @@ float Obstacles::distance(const Vec3& point, float most) const {
     s.least = std::min(s.least, (closest_point(s.obstacles.convex(element), s.point) - s.point).norm());
     return std::nextafter(static_cast<float>(s.least), std::numeric_limits<float>::max());
   };
-  scene_->for_each_nearer(point, static_cast<float>(search.least), test, &search);
+  scene_->for_each_near(point, static_cast<float>(search.least), test, &search);
   return static_cast<float>(search.least);
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <memory_resource>
 #include <span>
 #include <type_traits>
@@ -14,7 +15,7 @@
 namespace flockstep::collision {
 
 // The inside of an axis-aligned box; everything outside is solid.
-struct Room {
+struct RoomInterior {
   std::uint32_t element = 0;
   Aabb inside;  // m
 };
@@ -24,7 +25,7 @@ class Obstacles {
   // The world and its scene must outlive the obstacles.
   Obstacles(const World& world, const trace::Scene& scene, std::pmr::memory_resource& memory = *std::pmr::get_default_resource());
 
-  std::span<const Room> rooms() const { return rooms_; }
+  std::span<const RoomInterior> rooms() const { return rooms_; }
 
   // Returns the solid or triangle of an element (index into World::primitives(), then primitives().size() + triangle index),
   // which must not be a room.
@@ -39,7 +40,7 @@ class Obstacles {
 
   // Prefetches the data that every motion reads first. The obstacles and their scene must already be in the cache.
   void prefetch_parts() const {
-    prefetch(rooms_.data(), rooms_.size() * sizeof(Room));
+    prefetch(rooms_.data(), rooms_.size() * sizeof(RoomInterior));
     scene_->prefetch_parts();
   }
 
@@ -53,14 +54,15 @@ class Obstacles {
   void for_each_near(const Vec3& center, float radius, Visit&& visit) const {
     const auto call = [](void* context, std::uint32_t element) {
       (*static_cast<std::remove_reference_t<Visit>*>(context))(element);
+      return std::numeric_limits<float>::infinity();  // the radius stays
     };
-    scene_->for_each_nearby(center, radius, call, &visit);
+    scene_->for_each_near(center, radius, call, &visit);
   }
 
  private:
   const World* world_;
   const trace::Scene* scene_;
-  std::pmr::vector<Room> rooms_;
+  std::pmr::vector<RoomInterior> rooms_;
   std::pmr::vector<Convex> convexes_;  // one per primitive; unused for rooms
 };
 

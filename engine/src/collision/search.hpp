@@ -17,7 +17,7 @@
 
 namespace flockstep::collision {
 
-inline Plane wall_plane(const Room& room, int axis, bool low) {
+inline Plane wall_plane(const RoomInterior& room, int axis, bool low) {
   return low ? Plane{Vec3d::Unit(axis), static_cast<double>(room.inside.min[axis])}
              : Plane{-Vec3d::Unit(axis), -static_cast<double>(room.inside.max[axis])};
 }
@@ -54,7 +54,7 @@ class Search {
   const Vec3& middle() const { return middle_; }
   float reach() const { return reach_; }
 
-  void test(const Room& room) {
+  void test(const RoomInterior& room) {
     const Vec3 away = Vec3::Constant(hull_.radius() + static_cast<float>(margins_.resting()));
     const Vec3 low = from_.position.cwiseMin(to_.position) - away;
     const Vec3 high = from_.position.cwiseMax(to_.position) + away;

@@ -17,7 +17,7 @@ Pose interpolate(const Pose& from, const Pose& to, float fraction) {
 
 Contact sweep(const Obstacles& obstacles, const Hull& hull, const Pose& from, const Pose& to) {
   Search search(hull, from, to);
-  for (const Room& room : obstacles.rooms()) search.test(room);
+  for (const RoomInterior& room : obstacles.rooms()) search.test(room);
   obstacles.for_each_near(search.middle(), search.reach(),
                           [&](std::uint32_t element) { search.test(obstacles.convex(element), element); });
   return search.contact();
@@ -26,7 +26,7 @@ Contact sweep(const Obstacles& obstacles, const Hull& hull, const Pose& from, co
 bool is_clear(const Obstacles& obstacles, std::span<const std::uint32_t> elements, const Hull& hull, const Pose& from,
               const Pose& to) {
   Search search(hull, from, to);
-  for (const Room& room : obstacles.rooms()) search.test(room);
+  for (const RoomInterior& room : obstacles.rooms()) search.test(room);
   return !search.has_contact() && std::none_of(elements.begin(), elements.end(), [&](std::uint32_t element) {
     return search.is_touched(obstacles.convex(element));
   });

@@ -94,7 +94,8 @@ void ContactResolver::resolve(std::span<GroupMember* const> drones, const collis
     GroupMember& each = drone(a);
     each.pose = segments_[a].to;
     each.velocity = segments_[a].last;
-    if (each.contact.body >= 0) each.contact.velocity /= static_cast<float>(each.motion.duration_s);  // of drones in m/s already
+    if (each.contact.body >= 0)
+      each.contact.velocity /= static_cast<float>(each.motion.duration_s);  // drones' are in m/s already
     reach(a, each.pose);
   }
 }
@@ -388,7 +389,7 @@ void ContactResolver::hit_drone(const Event& event) {
   ContactPoints& touching = points_of(both[0], both[1], -1, contact.fraction);
   touching.add(touches(1), hull_, poses[0], contact);
   touching.add_vertices(touches(0), hull_, poses[1], contact, -1.0F);
-  const Surface surface = surface_of(*config_);
+  const ContactMaterial surface = surface_of(*config_);
   for (std::size_t i = 0; i < 2; ++i) {
     if (!drone(both[i]).is_fixed) continue;
     const std::size_t free = 1 - i;

@@ -84,7 +84,7 @@ class ContactResolver {
   };
   // A contact to come. The hull of drone `a` hits drone `b`, or the world or a moving object if b is kNone.
   struct Event {
-    double time;   // of impact, as a fraction of the tick
+    double time;   // time of impact, as a fraction of the tick
     double begin;  // begin of both segments together
     std::size_t a, b;
     collision::MovingContact contact;

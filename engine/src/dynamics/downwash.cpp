@@ -19,9 +19,10 @@ constexpr float kGrown = 1.0F, kFades = 20.0F, kEnd = 30.0F;   // s
 constexpr float kEdge = 1.0F / 49.0F;                          // fraction of the velocity on the axis
 constexpr float kEdgeSpread = 0.29184F;                        // radius of the edge per (s - s0): x = sqrt(6 / kShape)
 
-constexpr float kLoss = 0.4F;                                              // k
-constexpr float kMaxLoss = 0.5F;                                           // the first order holds for slow washes only
-constexpr float kUnit = 1.0F / static_cast<float>(std::int64_t{1} << 40);  // of Member::lost2: a millionth of the thrust, squared
+constexpr float kLoss = 0.4F;     // k
+constexpr float kMaxLoss = 0.5F;  // the first order holds for slow washes only
+constexpr float kUnit =
+    1.0F / static_cast<float>(std::int64_t{1} << 40);  // unit of Member::lost2: a millionth of the thrust, squared
 
 }  // namespace
 

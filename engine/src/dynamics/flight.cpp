@@ -35,7 +35,7 @@ struct At {
 };
 
 // The integrated state of a drone.
-struct State {
+struct OdeState {
   V3 travelled, velocity;
   Q rotation;
   V3 turn;
@@ -83,7 +83,7 @@ HWY_INLINE void respond(const Physics& p, const Numbers& n, At at, const F* comm
 // Physics has a flag for each optional rotor term. If all of them are false, so is kHasRotorTerms, which removes their branches
 // at compile time. Even an untaken branch for each rotor would cost a quarter of the time.
 template <bool kHasRotorTerms>
-FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, const State& s, const F* command,
+FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, const OdeState& s, const F* command,
                                    const Inputs& in) {
   const bool has_drag = kHasRotorTerms && p.rotor_drag, has_lift = kHasRotorTerms && p.rotor_lift;
   const bool has_ground = kHasRotorTerms && p.ground_effect, has_momentum = kHasRotorTerms && p.gyroscopic;
@@ -148,11 +148,11 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, co
 
 // Midpoint method, second order. Rotor speeds are exact, and so is the attitude at a constant angular velocity.
 template <bool kHasRotorTerms>
-FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, const Numbers& n, At at, State& s, const F* command, const Inputs& in) {
+FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, const Numbers& n, At at, OdeState& s, const F* command, const Inputs& in) {
   const F half(0.5F * p.dt);
   const F dt(p.dt);
   const Forces first = forces<kHasRotorTerms>(p, n, at, s, command, in);
-  State middle;
+  OdeState middle;
   middle.velocity = s.velocity + first.acceleration * half;
   middle.turn = s.turn + first.turning * half;
   middle.travelled = s.travelled + s.velocity * half;
@@ -175,15 +175,15 @@ struct Rates {
 };
 
 template <bool kHasRotorTerms>
-HWY_INLINE Rates rates(const Physics& p, const Numbers& n, At at, const State& s, const F* command, const Inputs& in) {
+HWY_INLINE Rates rates(const Physics& p, const Numbers& n, At at, const OdeState& s, const F* command, const Inputs& in) {
   const Forces f = forces<kHasRotorTerms>(p, n, at, s, command, in);
   Rates r{s.velocity, f.acceleration, rate_of(s.rotation, s.turn), f.turning, {}};
   for (std::size_t i = 0; i < kRotors; ++i) r.rotor[i] = rotor_rate(n, at, s.rotor[i], command[i]);
   return r;
 }
 
-HWY_INLINE State moved(const State& s, const Rates& r, F dt) {
-  State next{
+HWY_INLINE OdeState moved(const OdeState& s, const Rates& r, F dt) {
+  OdeState next{
       s.travelled + r.velocity * dt, s.velocity + r.acceleration * dt, s.rotation + r.rotation * dt, s.turn + r.turning * dt, {}};
   for (std::size_t i = 0; i < kRotors; ++i) next.rotor[i] = s.rotor[i] + r.rotor[i] * dt;
   return next;
@@ -200,7 +200,8 @@ HWY_INLINE void add(Rates& sum, const Rates& r, F weight) {
 // The classical fourth-order Runge-Kutta method, with the rotors as part of the state. The rates are summed as they are
 // computed: four of them do not fit into registers.
 template <bool kHasRotorTerms>
-FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, At at, State& s, const F* command, const Inputs& in) {
+FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, At at, OdeState& s, const F* command,
+                                      const Inputs& in) {
   const F half(0.5F * p.dt);
   const F dt(p.dt);
   const F two(2.0F);
@@ -273,7 +274,7 @@ HWY_INLINE V3 accelerate(const Physics& p, const Numbers& n, At at, const V3& ve
 
 // Rotor speeds for a thrust (m/s^2) and body rates. If the rotors saturate, yaw is reduced first, then the thrust is shifted to
 // make room for roll and pitch, and roll and pitch are reduced last.
-HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const State& s, F thrust, V3 desired, F* command) {
+HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const OdeState& s, F thrust, V3 desired, F* command) {
   const V3& turn = s.turn;
   desired = {clamp(desired.x, p.max_rate), clamp(desired.y, p.max_rate), clamp(desired.z, p.max_yaw_rate)};
   const V3 spin{at(n.inertia[0]) * turn.x, at(n.inertia[1]) * turn.y, at(n.inertia[2]) * turn.z};
@@ -323,7 +324,7 @@ HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const State& s, F
 }
 
 // Runs the outer loops, starting at the stage of the setpoint.
-HWY_INLINE Aim aim_of(const Physics& p, const Numbers& n, At at, const State& s, const M3& r, const F* set, V3& integral) {
+HWY_INLINE Aim aim_of(const Physics& p, const Numbers& n, At at, const OdeState& s, const M3& r, const F* set, V3& integral) {
   if (p.stage == Stage::attitude) return {set[0], {set[1], set[2], set[3]}, yaw_towards(n, at, r, set[4], set[5])};
   V3 desired{set[0], set[1], set[2]};
   if (p.stage == Stage::acceleration) {
@@ -356,7 +357,7 @@ HWY_INLINE V3 rates_towards(const Physics& p, const Numbers& n, At at, const M3&
 }
 
 // The controller cascade. It is not inlined, so that the loops over ticks are compiled once instead of once for each stage.
-HWY_NOINLINE void control(const Physics& p, const Numbers& n, At at, const State& s, const F* set, V3& integral, F* command) {
+HWY_NOINLINE void control(const Physics& p, const Numbers& n, At at, const OdeState& s, const F* set, V3& integral, F* command) {
   if (p.stage == Stage::rotors) {
     for (std::size_t i = 0; i < kRotors; ++i) command[i] = set[i];
     return;
@@ -375,7 +376,7 @@ HWY_NOINLINE void control(const Physics& p, const Numbers& n, At at, const State
 // -------------------------------------------------------------------------------------------------------------- the flight
 
 // 1 or 0, see Flock::is_good. Comparisons with NaN are false.
-HWY_INLINE F goodness(const Physics& p, const State& s) {
+HWY_INLINE F goodness(const Physics& p, const OdeState& s) {
   const F fastest = max(max(abs(s.velocity.x), abs(s.velocity.y)), abs(s.velocity.z));
   const F turn2 = dot(s.turn, s.turn);
   const F square =
@@ -392,11 +393,11 @@ template <bool kRk4, bool kHasRotorTerms>
 void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks, Lanes<3>* path) {
   for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) {
     const At at{lane};
-    State s{load3(flock.travelled, lane),
-            load3(flock.velocity, lane),
-            load_rotation(flock.rotation, lane),
-            load3(flock.turn, lane),
-            {}};
+    OdeState s{load3(flock.travelled, lane),
+               load3(flock.velocity, lane),
+               load_rotation(flock.rotation, lane),
+               load3(flock.turn, lane),
+               {}};
     V3 integral = load3(flock.error_integral, lane);
     F command[kRotors];
     for (std::size_t i = 0; i < kRotors; ++i) {
@@ -411,7 +412,7 @@ void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, i
     V3 turn_before = s.turn;
     for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
       if (tick % p.control_ticks == 0) {
-        const State seen = s;  // a copy lets the state itself stay in registers
+        const OdeState seen = s;  // a copy lets the state itself stay in registers
         control(p, n, at, seen, set, integral, command);
       }
       respond(p, n, at, command, s.rotor);

@@ -92,7 +92,7 @@ class Impact {
   // can add energy. If it does, the result is a blend of the solutions with and without restitution, weighted so that the
   // energy equals the energy before the impact. Such a blend exists because the solution without restitution loses energy. The
   // impulses of both solutions lie within the friction cone, so those of the blend do, too.
-  Twists bounce(const Twists& before, const Surface& surface) {
+  Twists bounce(const Twists& before, const ContactMaterial& surface) {
     Twists hard = solve(before, surface);
     if (!has_converged_) hard = solve(before, {surface.restitution, 0.0});  // strong friction can prevent convergence
     if (!has_converged_) return press(before, surface.friction);
@@ -135,7 +135,7 @@ class Impact {
  private:
   std::span<Touching> points() { return std::span(points_).first(count_); }
 
-  Twists solve(const Twists& before, const Surface& surface) {
+  Twists solve(const Twists& before, const ContactMaterial& surface) {
     double fastest = kSlow;
     for (Touching& point : points()) {
       const Vec3d velocity = point.velocity(before);
@@ -208,7 +208,7 @@ Velocity velocity_of(const Twist& twist, const Mat3d& rotation) {
 // The motions right after the impact and at the end of the tick.
 template <std::size_t kBodies>
 std::array<Twists<kBodies>, 2> rebound(Impact<kBodies>& impact, const Twists<kBodies>& before, const Twists<kBodies>& free,
-                                       double left_s, const Surface& surface) {
+                                       double left_s, const ContactMaterial& surface) {
   if (!impact.bounces(before, surface.restitution)) {
     return {impact.press(before, surface.friction), impact.press(free, surface.friction)};
   }
@@ -224,7 +224,7 @@ std::array<Twists<kBodies>, 2> rebound(Impact<kBodies>& impact, const Twists<kBo
 }  // namespace
 
 Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_s, const Pose& pose,
-                    std::span<const ContactPoint> points, const Airframe& frame, const Surface& surface) {
+                    std::span<const ContactPoint> points, const Airframe& frame, const ContactMaterial& surface) {
   assert(points.size() <= kMaxPoints);
   const Mat3d rotation = rotation_of(pose);
   Impact<1> impact({Inertia(rotation, frame)});
@@ -234,7 +234,7 @@ Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_
 }
 
 std::array<Rebound, 2> thrown_apart(const Colliding& first, const Colliding& second, double left_s,
-                                    std::span<const ContactPoint> points, const Surface& surface) {
+                                    std::span<const ContactPoint> points, const ContactMaterial& surface) {
   assert(points.size() <= kMaxPoints);
   const std::array rotations{rotation_of(first.pose), rotation_of(second.pose)};
   Impact<2> impact({Inertia(rotations[0], first.frame), Inertia(rotations[1], second.frame)});

@@ -17,7 +17,7 @@ struct ContactPoint {
   Vec3 normal;    // unit, world frame, from the surface towards the body
 };
 
-struct Surface {
+struct ContactMaterial {
   double restitution;  // speed away from the surface over speed towards it
   double friction;     // Coulomb coefficient; infinite: contact points never slide, even without normal force
 };
@@ -39,7 +39,7 @@ struct Rebound {
 // Temporal Coherence", 2005). This takes many rounds if the points are not coplanar or nearly coincide.
 inline constexpr std::size_t kMaxPoints = 130;  // twice all vertices of two hulls, plus one
 Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_s, const Pose& pose,
-                    std::span<const ContactPoint> points, const Airframe& frame, const Surface& surface);
+                    std::span<const ContactPoint> points, const Airframe& frame, const ContactMaterial& surface);
 
 // A body that hits another one.
 struct Colliding {
@@ -51,7 +51,7 @@ struct Colliding {
 // The same for two bodies, which exert opposite impulses on each other: their total momentum and angular momentum stay as they
 // are. Normals point from the second body to the first.
 std::array<Rebound, 2> thrown_apart(const Colliding& first, const Colliding& second, double left_s,
-                                    std::span<const ContactPoint> points, const Surface& surface);
+                                    std::span<const ContactPoint> points, const ContactMaterial& surface);
 
 // Returns the velocities with which two bodies move as one, with the momentum and angular momentum that they have at at_hit.
 std::array<Velocity, 2> moved_together(const Colliding& first, const Colliding& second);

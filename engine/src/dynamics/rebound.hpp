@@ -111,7 +111,7 @@ class ContactPoints {
   std::size_t first_ = 0;  // index of the last contact's first point
 };
 
-inline Surface surface_of(const DynamicsConfig& config) {
+inline ContactMaterial surface_of(const DynamicsConfig& config) {
   if (config.on_contact == OnContact::stop) return {0.0, std::numeric_limits<double>::infinity()};
   return {static_cast<double>(config.restitution), static_cast<double>(config.friction)};
 }

@@ -31,30 +31,27 @@ OrderedJson without_defaults(const OrderedJson& object, const OrderedJson& usual
 constexpr const char* kMesh = "mesh";
 
 // Returns the mesh of a body if it is a file or that of an earlier body.
-WorldField mesh_elsewhere(const nlohmann::json& body, const std::string& place, std::span<const BodyConfig> earlier,
-                          const std::filesystem::path& folder, MeshFiles files) {
-  const auto found = body.is_object() ? body.find(kMesh) : body.end();
-  if (found == body.end()) return nullptr;
-  if (found->is_number_integer()) {
-    const auto number = found->is_number_unsigned() ? found->get<std::uint64_t>() : earlier.size();
-    if (number >= earlier.size() || !earlier[number].mesh) {
-      refuse(place, "the number of an earlier body with a mesh", json::excerpt_of(*found));
-    }
+WorldField mesh_elsewhere(const json::JsonField& body, std::span<const BodyConfig> earlier, const std::filesystem::path& folder,
+                          MeshFiles files) {
+  const auto found = body.value.is_object() ? find(body, kMesh) : std::nullopt;
+  if (!found) return nullptr;
+  if (found->value.is_number_integer()) {
+    const auto number = found->value.is_number_unsigned() ? found->value.get<std::uint64_t>() : earlier.size();
+    if (number >= earlier.size() || !earlier[number].mesh) refuse(*found, "the number of an earlier body with a mesh");
     return earlier[number].mesh;
   }
-  const auto* const name = found->get_ptr<const std::string*>();
+  const auto* const name = found->value.get_ptr<const std::string*>();
   if (name == nullptr || name->starts_with("data:")) return nullptr;
   const std::filesystem::path path = folder / *name;
   if (name->empty() || name->find('\0') != name->npos || files == MeshFiles::none ||
       (files == MeshFiles::in_folder && !is_below(path, folder))) {
-    refuse(place, "a file in the scene's folder or below it (load with meshes_anywhere=True to allow others)",
-           json::excerpt_of(*found));
+    refuse(*found, "a file in the scene's folder or below it (load with meshes_anywhere=True to allow others)");
   }
-  if (extension_of(path) == ".json") refuse(place, "a .glb, .gltf, .obj or .ply file", json::excerpt_of(*found));
+  if (extension_of(path) == ".json") refuse(*found, "a .glb, .gltf, .obj or .ply file");
   try {
     return World::load(path, {.files = files});
   } catch (const std::invalid_argument& error) {
-    throw std::invalid_argument(place + ": " + error.what());
+    fail(*found, error.what());
   }
 }
 
@@ -63,21 +60,18 @@ WorldField mesh_elsewhere(const nlohmann::json& body, const std::string& place, 
 std::vector<BodyConfig> read_bodies(const json::JsonField& field, const std::filesystem::path& folder, MeshFiles files) {
   const std::size_t count = json::require_array(field, "an array").size();
   check_count(kMaxBodies, field, "bodies");
-  const std::string list = field.source + ": bodies";
+  const std::string name = field.source + ": bodies";
+  const json::JsonField list{field.value, {}, name, true};
   std::vector<BodyConfig> bodies(count);
   for (std::size_t i = 0; i < count; ++i) {
     Interrupt::poll();
-    const std::string place = config_values::element(list, i);
-    WorldField mesh =
-        mesh_elsewhere(field.value[i], config_values::member(place, kMesh), std::span(bodies).first(i), folder, files);
-    if (mesh) {
-      nlohmann::json rest = field.value[i];
-      rest.erase(kMesh);
-      config_values::read_value(rest, {}, place, bodies[i]);
-      bodies[i].mesh = std::move(mesh);
-    } else {
-      config_values::read_value(field.value[i], {}, place, bodies[i]);
-    }
+    const json::JsonField body = child(list, i);
+    WorldField mesh = mesh_elsewhere(body, std::span(bodies).first(i), folder, files);
+    nlohmann::json rest;
+    if (mesh) rest = body.value;
+    if (mesh) rest.erase(kMesh);
+    read_value({mesh ? rest : body.value, body.path, body.source, true}, {}, bodies[i]);
+    if (mesh) bodies[i].mesh = std::move(mesh);
   }
   return bodies;
 }

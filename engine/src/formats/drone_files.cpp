@@ -1,6 +1,5 @@
-// Reads and writes drone files: DroneModels as the JSON that docs/add-a-drone.md describes.
+// Reads and writes drone files: DroneModels as the JSON that docs/reference/drone-files.md describes.
 #include <array>
-#include <cmath>
 #include <cstddef>
 #include <stdexcept>
 #include <string>
@@ -8,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/config_values.hpp"
 #include "base/excerpt.hpp"
 #include "base/json_document.hpp"
 #include "base/nearest_name.hpp"
@@ -26,35 +26,15 @@ constexpr int kDroneVersion = 1;
 constexpr const char* kDroneKey = "flockstep_drone";
 
 // Airframe::validate() checks the ranges of the numbers.
-double finite(const JsonField& field) {
-  if (!field.value.is_number()) refuse(field, "a number");
-  const double value = field.value.get<double>();
-  if (!std::isfinite(value)) refuse(field, "a finite number");
+template <class Value>
+Value read(const JsonField& field) {
+  Value value{};
+  config_values::read_value(field, {}, value);
   return value;
 }
-
-Triple triple(const JsonField& field) {
-  if (!field.value.is_array() || field.value.size() != 3) refuse(field, "an array of 3 numbers");
-  return {finite(child(field, 0)), finite(child(field, 1)), finite(child(field, 2))};
-}
-
-void read_to(double& value, const JsonField& object, const char* key) {
-  if (const auto field = find(object, key)) value = finite(*field);
-}
-void read_to(Triple& value, const JsonField& object, const char* key) {
-  if (const auto field = find(object, key)) value = triple(*field);
-}
-
-const JsonField& four(const JsonField& field, const char* expected) {
-  if (!field.value.is_array() || field.value.size() != kRotors) refuse(field, expected);
-  return field;
-}
-
-Spin spin(const JsonField& field) {
-  const std::string_view text = field.value.is_string() ? std::string_view(field.value.get_ref<const std::string&>()) : "";
-  if (text == "ccw") return Spin::ccw;
-  if (text == "cw") return Spin::cw;
-  refuse(field, "\"ccw\" or \"cw\", seen from above");
+template <class Value>
+void read_to(Value& value, const JsonField& object, const char* key) {
+  if (const auto field = find(object, key)) value = read<Value>(*field);
 }
 
 // Requires the keys of a frame that is not based on another one.
@@ -66,24 +46,18 @@ void read_rotors(const JsonField& field, Airframe& frame, bool is_new) {
   check_object(field, {"position_m", "spin", "thrust_n", "max_thrust_n", "max_speed_radps", "min_speed_radps", "torque_ratio_m",
                        "lag_s", "lag_up_s", "lag_down_s", "radius_m", "inertia_kgm2", "drag_n_per_radps_mps", "lift_n_per_mps2"});
   if (is_new) require_all(field, {"position_m", "spin", "max_speed_radps", "torque_ratio_m"});
-  if (const auto positions = find(field, "position_m")) {
-    four(*positions, "four positions (x, y, z)");
-    for (std::size_t i = 0; i < kRotors; ++i) frame.position_m[i] = triple(child(*positions, i));
-  }
-  if (const auto spins = find(field, "spin")) {
-    four(*spins, "four of \"ccw\" and \"cw\"");
-    for (std::size_t i = 0; i < kRotors; ++i) frame.spin[i] = spin(child(*spins, i));
-  }
+  read_to(frame.position_m, field, "position_m");
+  read_to(frame.spin, field, "spin");
   read_to(frame.max_speed_radps, field, "max_speed_radps");
   read_to(frame.min_speed_radps, field, "min_speed_radps");
   const auto thrust = find(field, "thrust_n");
   const auto max_thrust = find(field, "max_thrust_n");
   if (thrust && max_thrust) fail(field, "expected either \"thrust_n\" or \"max_thrust_n\", found both");
   if (is_new && !thrust && !max_thrust) fail(field, "expected a field \"thrust_n\" or \"max_thrust_n\", found none");
-  if (thrust) frame.thrust_n = triple(*thrust);
-  if (max_thrust) frame.thrust_n = {0.0, 0.0, finite(*max_thrust) / (frame.max_speed_radps * frame.max_speed_radps)};
+  if (thrust) frame.thrust_n = read<Triple>(*thrust);
+  if (max_thrust) frame.thrust_n = {0.0, 0.0, read<double>(*max_thrust) / (frame.max_speed_radps * frame.max_speed_radps)};
   read_to(frame.torque_ratio_m, field, "torque_ratio_m");
-  if (const auto lag = find(field, "lag_s")) frame.lag_up_s = frame.lag_down_s = finite(*lag);
+  if (const auto lag = find(field, "lag_s")) frame.lag_up_s = frame.lag_down_s = read<double>(*lag);
   read_to(frame.lag_up_s, field, "lag_up_s");
   read_to(frame.lag_down_s, field, "lag_down_s");
   read_to(frame.radius_m, field, "radius_m");
@@ -114,7 +88,7 @@ std::vector<Vec3> read_hull(const JsonField& root, const std::optional<DroneMode
   if (!size && !points && like) return {like->hull().begin(), like->hull().end()};
   if (!points) {
     const JsonField given = require(root, "size_m");
-    const Triple extents = triple(given);
+    const Triple extents = read<Triple>(given);
     for (const double side : extents) {
       if (!(side > 0.0)) refuse(given, "sizes > 0");
     }
@@ -124,15 +98,10 @@ std::vector<Vec3> read_hull(const JsonField& root, const std::optional<DroneMode
   const std::size_t count = require_array(*points, "an array of points (x, y, z)").size();
   if (count > static_cast<std::size_t>(kMaxHullVertices)) refuse(*points, "at most 32 points", count);
   for (std::size_t i = 0; i < count; ++i) {
-    const Triple p = triple(child(*points, i));
+    const Triple p = read<Triple>(child(*points, i));
     hull.push_back(Eigen::Vector3d(p[0], p[1], p[2]).cast<float>());
   }
   return hull;
-}
-
-std::string text_of(const JsonField& field) {
-  if (!field.value.is_string()) refuse(field, "a string");
-  return field.value.get<std::string>();
 }
 
 std::optional<DroneModel> read_like(const JsonField& root) {
@@ -142,7 +111,7 @@ std::optional<DroneModel> read_like(const JsonField& root) {
     if (scaled) fail(*scaled, "allowed only beside \"like\", which it scales");
     return std::nullopt;
   }
-  const std::string name = text_of(*like);
+  const std::string name = text(*like);
   if (name.ends_with(".json")) refuse(*like, "the name of a bundled airframe");
   DroneModel model = DroneModel::load(name);
   if (!scaled) return model;
@@ -182,7 +151,7 @@ DroneModel read_drone(const std::string& text, const std::string& source) {
   const auto name = find(root, "name");
   const std::optional<DroneModel> like = read_like(root);
   try {
-    return DroneModel(read_hull(root, like), read_airframe(root, like), name ? text_of(*name) : std::string());
+    return DroneModel(read_hull(root, like), read_airframe(root, like), name ? json::text(*name) : std::string());
   } catch (const std::invalid_argument& error) {
     const std::string what = error.what();
     if (what.starts_with(source)) throw;
@@ -199,10 +168,8 @@ std::string write_drone(const DroneModel& drone) {
   if (const auto& frame = drone.airframe()) {
     root["mass_kg"] = frame->mass_kg;
     root["inertia_kgm2"] = frame->inertia_kgm2;
-    OrderedJson spins = OrderedJson::array();
-    for (const Spin turning : frame->spin) spins.push_back(EnumNames<Spin>::kNames[static_cast<std::size_t>(turning)]);
     root["rotors"] = {{"position_m", frame->position_m},
-                      {"spin", spins},
+                      {"spin", config_values::written(frame->spin, "")},
                       {"thrust_n", frame->thrust_n},
                       {"max_speed_radps", frame->max_speed_radps},
                       {"min_speed_radps", frame->min_speed_radps},

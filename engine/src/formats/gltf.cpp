@@ -32,12 +32,6 @@ namespace {
 using Vec3d = Eigen::Vector3d;
 using Vec2d = Eigen::Vector2d;
 
-std::string written(const Vec3d& v) {
-  std::ostringstream out;
-  out << '(' << v.x() << ", " << v.y() << ", " << v.z() << ')';
-  return out.str();
-}
-
 // Elements of an accessor; the model guarantees that they lie within its buffers.
 class Elements {
  public:
@@ -249,7 +243,7 @@ class GltfReader {
     const bool is_flat = primitive.kind == PrimitiveKind::plane || primitive.kind == PrimitiveKind::disc;
     const bool fits = center.cwiseAbs().maxCoeff() <= kMaxCoordinate && half.maxCoeff() <= static_cast<float>(kMaxCoordinate) &&
                       half.head(is_flat ? 2 : 3).minCoeff() >= static_cast<float>(kMinSize);
-    if (!fits) refuse(field("nodes", index), in_world("a primitive") + ", of sizes >= 1e-06 m", written(center));
+    if (!fits) refuse(field("nodes", index), in_world("a primitive") + ", of sizes >= 1e-06 m", coordinates(center));
     primitive.center = center.cast<float>();
     primitive.material = material_of(model_.meshes[mesh][0].material, semantic);
     // Rooms are always visible and solid.
@@ -282,7 +276,7 @@ class GltfReader {
     gate.bar = sized(gate.bar);
     const bool fits = center.cwiseAbs().maxCoeff() + static_cast<double>(gate.size + 2.0F * gate.bar) <= kMaxCoordinate &&
                       std::min(gate.size, gate.bar) >= static_cast<float>(2.0 * kMinSize);
-    if (!fits) refuse(field("nodes", index), in_world("a gate") + ", of sizes >= 2e-06 m", written(center));
+    if (!fits) refuse(field("nodes", index), in_world("a gate") + ", of sizes >= 2e-06 m", coordinates(center));
     require(scene().gates.size() < kMaxGates, field("nodes", index), "at most " + std::to_string(kMaxGates) + " gates", "more");
     gate.center = center.cast<float>();
     const std::vector<GltfPrimitive>& parts = model_.meshes[*node.mesh];
@@ -511,7 +505,7 @@ class GltfReader {
     if (axes.determinant() < 0.0) axes.col(0) *= -1.0;  // the mesh is mirrored
     const Vec3d position = place.translation();
     if (!(position.cwiseAbs().maxCoeff() <= kMaxCoordinate))
-      refuse(field("nodes", at.node), in_world("a body"), written(position));
+      refuse(field("nodes", at.node), in_world("a body"), coordinates(position));
     BodyConfig& body = scene().bodies.emplace_back(*node.body);
     if (place_.matrix() != upright().matrix()) place_body(body, place_ * upright().inverse(), options_.scale);
     const Eigen::Quaterniond turned = Eigen::Quaterniond(axes).normalized();
@@ -598,7 +592,7 @@ class GltfReader {
   void read_marker(std::string_view name, std::size_t index, const Vec3d& place) {
     const auto point = [&] {
       const bool is_near = place.cwiseAbs().maxCoeff() <= kMaxCoordinate;
-      if (!is_near) refuse(field("nodes", index), in_world("a marker"), written(place));
+      if (!is_near) refuse(field("nodes", index), in_world("a marker"), coordinates(place));
       return Vec3(place.cast<float>());
     };
     Markers& markers = scene().markers;
@@ -824,7 +818,7 @@ class GltfReader {
       const Vec3d given(positions.number(vertex, 0), positions.number(vertex, 1), positions.number(vertex, 2));
       const Vec3d point = applied(place, given);
       if (!(point.cwiseAbs().maxCoeff() <= kMaxCoordinate) || !point.allFinite()) {
-        refuse(field("accessors", position), in_world("finite positions that come to lie"), written(point));
+        refuse(field("accessors", position), in_world("finite positions that come to lie"), coordinates(point));
       }
       mesh.vertices.push_back(point.cast<float>());
       Vec2d where = Vec2d::Zero();

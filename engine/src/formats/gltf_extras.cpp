@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <limits>
 #include <string>
 #include <utility>
@@ -23,14 +22,6 @@ using json::JsonField;
 using OrderedJson = nlohmann::ordered_json;
 
 constexpr const auto& kKinds = EnumNames<PrimitiveKind>::kNames;
-
-std::uint32_t integer(const JsonField& field, double most) {
-  const double value = field.value.is_number() ? field.value.get<double>() : -1.0;
-  if (!(value >= 0.0 && value <= most && value == std::floor(value))) {
-    refuse(field, "an integer in [0, " + std::to_string(static_cast<std::uint64_t>(most)) + ']');
-  }
-  return static_cast<std::uint32_t>(value);
-}
 
 // Returns a length or radius, times a factor, as float32. Files hold float32 values, which rounding may have put just below the
 // limit.
@@ -71,7 +62,7 @@ std::vector<std::uint32_t> read_order(const JsonField& field) {
   if (count % 2 != 0) refuse(field, "two integers for each run of triangles", count);
   for (std::size_t i = 0; i < count; ++i) {
     Interrupt::poll();
-    order.push_back(integer(json::child(field, i), std::numeric_limits<std::uint32_t>::max()));
+    order.push_back(static_cast<std::uint32_t>(integer(child(field, i), 0, std::numeric_limits<std::uint32_t>::max())));
   }
   return order;
 }
@@ -97,7 +88,7 @@ GltfNodeExtras read_gltf_node_extras(const JsonField& extras) {
     return read;
   }
   check_object(*ours, {"object", "order"});
-  read.object = static_cast<std::uint16_t>(integer(json::require(*ours, "object"), kMaxObjects - 1));
+  read.object = static_cast<std::uint16_t>(integer(json::require(*ours, "object"), 0, kMaxObjects - 1));
   if (const auto order = find(*ours, "order")) read.order = read_order(*order);
   return read;
 }
@@ -122,7 +113,8 @@ std::shared_ptr<const BodyConfig> read_gltf_body(const JsonField& body) {
     if (const auto field = find(body, name)) refuse(*field, "no such field (the node defines it)");
   }
   auto read = std::make_shared<BodyConfig>();
-  config_values::read_value(body.value, {}, name_of(body), *read);
+  const std::string name = name_of(body);
+  config_values::read_value({body.value, {}, name, true}, {}, *read);
   return read;
 }
 

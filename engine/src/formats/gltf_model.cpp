@@ -8,6 +8,7 @@
 #include <memory>
 #include <utility>
 
+#include "base/config_values.hpp"
 #include "base/excerpt.hpp"
 #include "base/interrupt.hpp"
 #include "base/json_document.hpp"
@@ -21,7 +22,9 @@
 namespace flockstep {
 namespace {
 
+using json::integer;
 using json::JsonField;
+using json::text;
 
 constexpr std::uint64_t kMaxCount = 1U << 31U;
 constexpr std::uint64_t kMaxBufferBytes = static_cast<std::uint64_t>(kMaxFileBytes);  // total of all buffers
@@ -34,25 +37,6 @@ constexpr std::array<std::string_view, 5> kExtensions{"KHR_texture_transform", "
 
 // ------------------------------------------------------------------------------------------------------------- fields
 
-std::uint64_t integer(const JsonField& field, std::uint64_t least, std::uint64_t most) {
-  const double value = field.value.is_number() ? field.value.get<double>() : -1.0;
-  if (!(value >= static_cast<double>(least) && value <= static_cast<double>(most) && value == std::floor(value))) {
-    refuse(field, "an integer in [" + std::to_string(least) + ", " + std::to_string(most) + ']');
-  }
-  return static_cast<std::uint64_t>(value);
-}
-
-double number(const JsonField& field, double least, double most, const std::string& expected) {
-  const double value = field.value.is_number() ? field.value.get<double>() : NAN;
-  if (!(value >= least && value <= most)) refuse(field, expected);
-  return value;
-}
-
-const std::string& text(const JsonField& field) {
-  if (!field.value.is_string()) refuse(field, "a string");
-  return field.value.get_ref<const std::string&>();
-}
-
 void require_object(const JsonField& field) {
   if (!field.value.is_object()) refuse(field, "an object");
 }
@@ -61,6 +45,11 @@ std::optional<JsonField> find_object(const JsonField& parent, std::string_view k
   std::optional<JsonField> field = find(parent, key);
   if (field) require_object(*field);
   return field;
+}
+
+std::optional<JsonField> find_extension(const JsonField& parent, std::string_view name) {
+  const std::optional<JsonField> extensions = find_object(parent, "extensions");
+  return extensions ? find_object(*extensions, name) : std::nullopt;
 }
 
 std::size_t size_of(const JsonField& parent, std::string_view key) {
@@ -143,17 +132,15 @@ class Reader {
     return field ? integer(*field, least, most) : usual;
   }
 
+  template <class Value>
+  static std::optional<Value> find_value(const JsonField& object, const char* key, const Limits& limits) {
+    std::optional<Value> value;
+    if (const auto field = find(object, key)) config_values::read_value(*field, {.limits = limits}, value);
+    return value;
+  }
   template <std::size_t kCount>
-  static std::optional<std::array<double, kCount>> numbers(const JsonField& object, const char* key, double least, double most,
-                                                           const std::string& expected) {
-    const std::optional<JsonField> field = find(object, key);
-    if (!field) return std::nullopt;
-    if (!field->value.is_array() || field->value.size() != kCount) {
-      refuse(*field, "an array of " + std::to_string(kCount) + " numbers");
-    }
-    std::array<double, kCount> all{};
-    for (std::size_t i = 0; i < kCount; ++i) all[i] = number(child(*field, i), least, most, expected);
-    return all;
+  static auto numbers(const JsonField& object, const char* key, const Limits& limits) {
+    return find_value<std::array<double, kCount>>(object, key, limits);
   }
 
   static std::string name_in(const JsonField& object) {
@@ -259,10 +246,7 @@ class Reader {
     if (known == kShapes.end()) refuse(shape, "SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3 or MAT4");
     accessor.shape = static_cast<GltfShape>(known - kShapes.begin());
     accessor.count = integer(require(field, "count"), 1, kMaxCount);
-    if (const auto normalized = find(field, "normalized")) {
-      if (!normalized->value.is_boolean()) refuse(*normalized, "true or false");
-      accessor.is_normalized = normalized->value.get<bool>();
-    }
+    accessor.is_normalized = find_value<bool>(field, "normalized", {}).value_or(false);
     accessor.offset = integer_or(field, "byteOffset", 0, 0, kMaxBufferBytes);
     const std::optional<std::size_t> number = find_index(field, "bufferView", "bufferViews");
     if (!number) return accessor;
@@ -314,9 +298,8 @@ class Reader {
     occluded_ += find(field, "occlusionTexture") ? 1U : 0U;
     const auto surface = find_object(field, "pbrMetallicRoughness");
     read_alpha(field, surface, material);
-    const auto extensions = find_object(field, "extensions");
-    material.is_unlit = extensions && find_object(*extensions, "KHR_materials_unlit");
-    if (!material.is_unlit) read_emission(field, surface, extensions, material);  // unlit materials emit nothing
+    material.is_unlit = find_extension(field, "KHR_materials_unlit").has_value();
+    if (!material.is_unlit) read_emission(field, surface, material);  // unlit materials emit nothing
     if (!surface) return material;
     material.base_color = base_color_in(*surface);
     if (const auto texture = find_object(*surface, "baseColorTexture")) read_base_texture(*texture, material);
@@ -324,22 +307,18 @@ class Reader {
   }
 
   static std::array<double, 4> base_color_in(const JsonField& surface) {
-    return numbers<4>(surface, "baseColorFactor", 0.0, 1.0, "a number in [0, 1]").value_or(std::array{1.0, 1.0, 1.0, 1.0});
+    return numbers<4>(surface, "baseColorFactor", keys::kShares).value_or(std::array{1.0, 1.0, 1.0, 1.0});
   }
 
   void read_base_texture(const JsonField& field, GltfMaterial& material) const {
     material.texture = index(require(field, "index"), "textures");
     material.tex_coord = integer_or(field, "texCoord", 0, 0, kMaxTexCoord);
-    const auto extensions = find_object(field, "extensions");
-    const auto given = extensions ? find_object(*extensions, "KHR_texture_transform") : std::nullopt;
+    const auto given = find_extension(field, "KHR_texture_transform");
     if (!given) return;
     GltfTextureTransform& transform = material.transform.emplace();
-    const std::string expected = "a number " + within(kMaxCoordinate).text();
-    transform.offset = numbers<2>(*given, "offset", -kMaxCoordinate, kMaxCoordinate, expected).value_or(transform.offset);
-    transform.scale = numbers<2>(*given, "scale", -kMaxCoordinate, kMaxCoordinate, expected).value_or(transform.scale);
-    if (const auto angle = find(*given, "rotation")) {
-      transform.rotation = number(*angle, -kMaxCoordinate, kMaxCoordinate, expected);
-    }
+    transform.offset = numbers<2>(*given, "offset", keys::kCoordinates).value_or(transform.offset);
+    transform.scale = numbers<2>(*given, "scale", keys::kCoordinates).value_or(transform.scale);
+    transform.rotation = find_value<double>(*given, "rotation", keys::kCoordinates).value_or(transform.rotation);
     material.tex_coord = integer_or(*given, "texCoord", material.tex_coord, 0, kMaxTexCoord);
   }
 
@@ -352,8 +331,7 @@ class Reader {
       ++transparent_;
       return;
     }
-    const auto given = find(field, "alphaCutoff");
-    const double cutoff = given ? number(*given, 0.0, kMaxNumber, "a number >= 0") : 0.5;
+    const double cutoff = find_value<double>(field, "alphaCutoff", at_least(0.0)).value_or(0.5);
     const double factor = surface ? base_color_in(*surface)[3] : 1.0;
     if (cutoff == 0.0) return;
     if (cutoff > factor) {
@@ -364,13 +342,11 @@ class Reader {
   }
 
   // Emission is multiplied by the base colour texture. Emission by another texture is ignored.
-  void read_emission(const JsonField& field, const std::optional<JsonField>& surface, const std::optional<JsonField>& extensions,
-                     GltfMaterial& material) {
-    std::array<double, 3> emissive =
-        numbers<3>(field, "emissiveFactor", 0.0, 1.0, "a number in [0, 1]").value_or(std::array{0.0, 0.0, 0.0});
-    const auto strong = extensions ? find_object(*extensions, "KHR_materials_emissive_strength") : std::nullopt;
-    const auto strength = strong ? find(*strong, "emissiveStrength") : std::nullopt;
-    const double times = strength ? number(*strength, 0.0, kMaxNumber, "a number >= 0") : 1.0;
+  void read_emission(const JsonField& field, const std::optional<JsonField>& surface, GltfMaterial& material) {
+    std::array<double, 3> emissive = numbers<3>(field, "emissiveFactor", keys::kShares).value_or(std::array{0.0, 0.0, 0.0});
+    const auto strong = find_extension(field, "KHR_materials_emissive_strength");
+    const auto strength = strong ? find_value<double>(*strong, "emissiveStrength", at_least(0.0)) : std::nullopt;
+    const double times = strength.value_or(1.0);
     bool emits = false;
     for (double& factor : emissive) {
       factor = std::min(factor * times, Light::kBrightness.greatest);
@@ -420,8 +396,7 @@ class Reader {
 
   // Finds the directional lights of the file.
   void find_suns() {
-    const auto extensions = find_object(root_, "extensions");
-    const auto punctual = extensions ? find_object(*extensions, "KHR_lights_punctual") : std::nullopt;
+    const auto punctual = find_extension(root_, "KHR_lights_punctual");
     const auto lights = punctual ? find(*punctual, "lights") : std::nullopt;
     if (!lights) return;
     for (std::size_t i = 0; i < require_array(*lights, "an array of lights").size(); ++i) {
@@ -432,21 +407,20 @@ class Reader {
   }
 
   GltfNode node_of(const JsonField& field) {
-    constexpr const char* kExpected = "a number within +-1e+30";
+    constexpr Limits kNumbers = within(kMaxNumber);
     const std::string name = name_in(field);
     GltfNode node;
     node.children = indices(field, "children", "nodes");
     node.mesh = find_index(field, "mesh", "meshes");
     node.semantic = semantic_in(field);
-    node.matrix = numbers<16>(field, "matrix", -kMaxNumber, kMaxNumber, kExpected);
-    node.translation = numbers<3>(field, "translation", -kMaxNumber, kMaxNumber, kExpected);
-    node.rotation = numbers<4>(field, "rotation", -kMaxNumber, kMaxNumber, kExpected);
-    node.scale = numbers<3>(field, "scale", -kMaxNumber, kMaxNumber, kExpected);
+    node.matrix = numbers<16>(field, "matrix", kNumbers);
+    node.translation = numbers<3>(field, "translation", kNumbers);
+    node.rotation = numbers<4>(field, "rotation", kNumbers);
+    node.scale = numbers<3>(field, "scale", kNumbers);
     if (is_gltf_marker(name) && !field.value.contains("mesh")) node.marker = name;
     if (is_solid_name(name)) node.collision_only = true;
     read_extras(field, node);
-    const auto extensions = find_object(field, "extensions");
-    const auto punctual = extensions ? find_object(*extensions, "KHR_lights_punctual") : std::nullopt;
+    const auto punctual = find_extension(field, "KHR_lights_punctual");
     if (!punctual) return node;
     const JsonField light = require(*punctual, "light");
     const std::uint64_t number = integer(light, 0, kMaxCount);

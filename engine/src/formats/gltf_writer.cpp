@@ -1,8 +1,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
-#include <cmath>
-#include <cstring>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -417,7 +415,7 @@ class GltfWriter {
     return text += "}\n";
   }
 
-  struct Shape {
+  struct MeshAccessors {
     std::size_t position, corners, num_vertices, num_triangles;
     std::optional<std::size_t> uv;
   };
@@ -432,7 +430,7 @@ class GltfWriter {
   std::map<PrimitiveKind, std::size_t> num_primitives_;
   std::size_t num_gates_ = 0;
   std::map<std::array<TextureWrap, 2>, std::size_t> sampler_of_;
-  std::map<ShapeKey, Shape> shapes_;
+  std::map<ShapeKey, MeshAccessors> shapes_;
   std::map<std::pair<std::size_t, std::uint16_t>, std::size_t> tessellations_;  // by positions and material
 };
 

@@ -1,7 +1,6 @@
 #include "formats/mesh_files.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>

@@ -224,7 +224,7 @@ class ObjReader {
   ObjMesh out_;
   std::string_view line_, object_name_, material_name_;
   std::size_t number_ = 0, num_lines_ = 0;
-  std::vector<std::array<float, 2>> uv_;                                 // of vt lines
+  std::vector<std::array<float, 2>> uv_;                                 // from vt lines
   std::vector<std::array<std::int32_t, 3>> uv_of_corners_;               // indices into uv_ by triangle; empty without vt
   std::map<std::string, std::size_t, std::less<>> objects_, materials_;  // by name
   std::uint16_t object_ = 0, material_ = 0;                              // for the next face

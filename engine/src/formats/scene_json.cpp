@@ -5,9 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <optional>
-#include <span>
 #include <stdexcept>
 #include <unordered_map>
 #include <utility>
@@ -82,15 +80,23 @@ Markers markers_of(const JsonField& field, const keys::Markers& given) {
   return markers;
 }
 
+// Returns the light with the direction of the file, which has more digits than float32, as a unit vector.
+Light exact(const JsonField& field, Light light) {
+  if (const auto given = find(field, "sun_direction")) {
+    Vec3::Map(light.sun_direction.data()) = unit_direction(vec3(given->value.get<keys::Numbers<3>>()));
+  }
+  return light;
+}
+
 TriangleMesh inline_mesh_of(const JsonField& field, const keys::Mesh& given) {
   TriangleMesh mesh;
   for (const auto& vertex : *given.vertices.value) mesh.vertices.push_back(point(vertex));
   const std::size_t num_vertices = mesh.vertices.size();
-  mesh.triangles = *given.triangles.value;
-  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+  for (std::size_t i = 0; i < given.triangles.value->size(); ++i) {
+    std::array<std::int32_t, 3>& triangle = mesh.triangles.emplace_back();
     for (std::size_t k = 0; k < 3; ++k) {
-      const std::int32_t index = mesh.triangles[i][k];
-      if (index >= 0 && static_cast<std::size_t>(index) < num_vertices) continue;
+      triangle[k] = (*given.triangles.value)[i][k].value;
+      if (triangle[k] >= 0 && static_cast<std::size_t>(triangle[k]) < num_vertices) continue;
       refuse(child(child(require(field, "triangles"), i), k), "a vertex index in [0, " + std::to_string(num_vertices) + ')');
     }
   }
@@ -178,12 +184,12 @@ class SceneReader {
     scene_.bodies = read_bodies(field, base_dir_, files_);
   }
   void read_top(const JsonField& field, const FieldPointer<keys::Scene, std::string>& key) {
-    read_key(field, key.info, scene_.name);
+    read_value(field, key.info, scene_.name);
   }
   void read_top(const JsonField&, const FieldPointer<keys::Scene, keys::Required<keys::Version>>&) {}
-  void read_top(const JsonField&, const FieldPointer<keys::Scene, keys::Anything>&) {}
+  void read_top(const JsonField&, const FieldPointer<keys::Scene, keys::Unread>&) {}
 
-  void add(const JsonField&, const Light& light) { scene_.light = light; }
+  void add(const JsonField& field, const Light& light) { scene_.light = exact(field, light); }
   void add(const JsonField& field, const keys::Markers& markers) { scene_.markers = markers_of(field, markers); }
 
   void add(const std::string& name, const JsonField&, const keys::Texture& given) {
@@ -447,7 +453,7 @@ class SceneReader {
 
 Markers read_markers(const JsonField& field) { return markers_of(field, read_object<keys::Markers>(field)); }
 
-Light read_light(const JsonField& field) { return read_object<Light>(field); }
+Light read_light(const JsonField& field) { return exact(field, read_object<Light>(field)); }
 
 SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir,
                              MeshFiles files, std::vector<std::string>* ignored) {

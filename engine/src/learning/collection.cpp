@@ -6,6 +6,7 @@
 #include <numeric>
 #include <span>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "base/finite.hpp"
@@ -155,27 +156,11 @@ void Learner::finish(std::span<const float> observation) {
 
 namespace {
 
-template <class T>
-void append_as_floats(std::span<const T> values, float*& to) {
-  for (const T value : values) *to++ = static_cast<float>(value);
-}
-
 // Appends a row of a field, as numbers.
 void append_row(const Buffer& field, std::size_t row, float*& to) {
-  switch (field.type()) {
-    case DType::float32:
-      to = std::copy_n(field.row<float>(row).data(), field.columns(), to);
-      return;
-    case DType::float64:
-      return append_as_floats(field.row<double>(row), to);
-    case DType::int32:
-      return append_as_floats(field.row<std::int32_t>(row), to);
-    case DType::int64:
-      return append_as_floats(field.row<std::int64_t>(row), to);
-    case DType::boolean:
-    case DType::uint8:
-      return append_as_floats(field.row<std::uint8_t>(row), to);
-  }
+  with_type(field.type(), [&]<class T>(T) {
+    for (const T value : field.row<T>(row)) *to++ = static_cast<float>(value);
+  });
 }
 
 // Writes the fields of a row in the given order.
@@ -236,17 +221,13 @@ class Learner::Parts::StepPilot : public Pilot {
   void write_action(std::size_t row, Buffer& actions) const {
     const std::size_t size = parts_.action_size();
     const float* const drawn = parts_.rollout.actions.data() + (t_ * parts_.rollout.rows + row) * size;
-    switch (actions.type()) {
-      case DType::float32:
-        return limit(drawn, actions.row<float>(row));
-      case DType::float64:
-        return limit(drawn, actions.row<double>(row));
-      case DType::int32:
-        actions.row<std::int32_t>(row)[0] = static_cast<std::int32_t>(low_[0] + static_cast<double>(*drawn));
-        return;
-      default:
-        actions.row<std::int64_t>(row)[0] = static_cast<std::int64_t>(low_[0] + static_cast<double>(*drawn));
-    }
+    with_type(actions.type(), [&]<class T>(T) {
+      if constexpr (std::is_floating_point_v<T>) {
+        limit(drawn, actions.row<T>(row));
+      } else {
+        actions.row<T>(row)[0] = static_cast<T>(low_[0] + static_cast<double>(*drawn));
+      }
+    });
   }
 
   // Writes an action, limited to the bounds. NaN becomes the lower bound; fly() refuses it after the step.

@@ -22,7 +22,7 @@ using namespace learning;
 
 namespace {
 
-constexpr std::int64_t kMaxParameters = 1 << 24;  // of actor and critic together
+constexpr std::int64_t kMaxParameters = 1 << 24;  // actor and critic together
 
 std::int64_t count_parameters(std::int64_t in, const std::vector<int>& hidden, std::int64_t out) {
   std::int64_t count = 0;
@@ -31,6 +31,21 @@ std::int64_t count_parameters(std::int64_t in, const std::vector<int>& hidden, s
     in = size;
   }
   return count + (in + 1) * out;
+}
+
+// Calls choose(outputs of the policy, row, action) for each row of observations.
+template <class Parts, class Choose>
+void choose_actions(Parts& parts, std::span<const float> observation, std::span<float> action, const Choose& choose) {
+  const std::size_t rows = rows_of(observation, parts.observation_size, "observation"), size = parts.action_size();
+  require_size(action.size(), rows * size, "action");
+  require_finite(observation, parts.observation_size, "observation");
+  parts.for_observations(observation.data(), rows, [&](auto& pass, std::size_t from, std::size_t count) {
+    const float* const outputs = pass.forward_actor(parts.parameters.data(), parts.transposed.data(), count);
+    for (std::size_t i = 0; i < count; ++i) {
+      choose(outputs + i * padded(parts.distribution.outputs()), from + i, action.data() + (from + i) * size);
+    }
+  });
+  require_finite(action, size, "action");
 }
 
 }  // namespace
@@ -202,34 +217,17 @@ void Learner::set_discounted_returns(std::span<const double> values) {
 
 void Learner::predict(std::span<const float> observation, std::span<float> action) const {
   const SingleCaller::Call call(parts_->callers);
-  Parts& parts = *parts_;
-  const std::size_t rows = rows_of(observation, parts.observation_size, "observation"), size = parts.action_size();
-  require_size(action.size(), rows * size, "action");
-  require_finite(observation, parts.observation_size, "observation");
-  parts.for_observations(observation.data(), rows, [&](Pass& pass, std::size_t from, std::size_t count) {
-    const float* const outputs = pass.forward_actor(parts.parameters.data(), parts.transposed.data(), count);
-    for (std::size_t i = 0; i < count; ++i) {
-      parts.distribution.mode(outputs + i * padded(parts.distribution.outputs()), action.data() + (from + i) * size);
-    }
-  });
-  require_finite(action, size, "action");
+  choose_actions(*parts_, observation, action,
+                 [this](const float* outputs, std::size_t, float* to) { parts_->distribution.mode(outputs, to); });
 }
 
 void Learner::sample(std::span<const float> observation, std::span<float> action) {
   const SingleCaller::Call call(parts_->callers);
-  Parts& parts = *parts_;
-  const std::size_t rows = rows_of(observation, parts.observation_size, "observation"), size = parts.action_size();
-  require_size(action.size(), rows * size, "action");
-  require_finite(observation, parts.observation_size, "observation");
-  ++parts.draws;
-  parts.for_observations(observation.data(), rows, [&](Pass& pass, std::size_t from, std::size_t count) {
-    const float* const outputs = pass.forward_actor(parts.parameters.data(), parts.transposed.data(), count);
-    for (std::size_t i = 0; i < count; ++i) {
-      parts.distribution.draw(outputs + i * padded(parts.distribution.outputs()),
-                              {parts.seed, parts.draws, static_cast<std::uint32_t>(from + i)}, action.data() + (from + i) * size);
-    }
+  const std::uint64_t draws = parts_->draws + 1;
+  choose_actions(*parts_, observation, action, [&](const float* outputs, std::size_t row, float* to) {
+    parts_->distribution.draw(outputs, {parts_->seed, draws, static_cast<std::uint32_t>(row)}, to);
   });
-  require_finite(action, size, "action");
+  parts_->draws = draws;
 }
 
 void Learner::values(std::span<const float> observation, std::span<float> value) const {

@@ -45,7 +45,7 @@ struct Network {
     const Layer* layer;  // null: log_std
     bool is_weight;
   };
-  std::vector<Place> places_;  // of `infos`
+  std::vector<Place> places_;  // one for each of `infos`
 };
 
 // Pass: sends a few rows at a time through actor and critic, and gradients back. One per thread.
@@ -75,7 +75,7 @@ class Pass {
   }
 
  private:
-  struct Values {  // of one layer
+  struct Values {  // one layer's
     AlignedVector<float> outputs, gradients;
   };
 

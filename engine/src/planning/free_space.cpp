@@ -68,7 +68,7 @@ bool FreeSpace::is_apart(const Obstacle& obstacle, const collision::Convex& conv
 bool FreeSpace::is_apart_from_walls(const Box& box) const {
   const Eigen::Array3d low = box.center.array() - box.half + extent_.min.array().cast<double>() - margin_;
   const Eigen::Array3d high = box.center.array() + box.half + extent_.max.array().cast<double>() + margin_;
-  return std::all_of(obstacles_.rooms().begin(), obstacles_.rooms().end(), [&](const collision::Room& room) {
+  return std::all_of(obstacles_.rooms().begin(), obstacles_.rooms().end(), [&](const collision::RoomInterior& room) {
     return (low > room.inside.min.array().cast<double>()).all() && (high < room.inside.max.array().cast<double>()).all();
   });
 }

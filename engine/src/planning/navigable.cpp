@@ -7,12 +7,12 @@
 #include <cstdint>
 #include <numbers>
 #include <numeric>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "base/in_world.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "bodies/body_script.hpp"
@@ -25,12 +25,6 @@ namespace {
 
 std::string field(const World& world, const std::string& place) { return "world \"" + world.name() + "\": " + place; }
 
-std::string coordinates(const Vec3& p) {
-  std::ostringstream out;
-  out << '(' << p.x() << ", " << p.y() << ", " << p.z() << ')';
-  return out.str();
-}
-
 bool has_room(const World& world) {
   return !world.primitives().empty() && world.primitives().front().kind == PrimitiveKind::room;
 }
@@ -40,6 +34,16 @@ Aabb marked_space(const World& world) {
   Aabb box = world.bounds();
   if (!has_room(world)) box.max.z() = static_cast<float>(kMaxCoordinate);
   return box;
+}
+
+std::vector<Vec3> corners_of(const Aabb& box) {
+  std::vector<Vec3> corners;
+  for (const float z : {box.min.z(), box.max.z()}) {
+    for (const float x : {box.min.x(), box.max.x()}) {
+      for (const float y : {box.min.y(), box.max.y()}) corners.emplace_back(x, y, z);
+    }
+  }
+  return corners;
 }
 
 void require_inside(const World& world, const Aabb& box, const std::string& place, const Vec3& point) {
@@ -78,10 +82,7 @@ void require_navigable(const World& world, const DroneModel& drone) {
   }
   require_marker("markers.goal", *markers.goal);
   if (!markers.spawn_box) return;
-  for (unsigned corner = 0; corner < 8; ++corner) {
-    const Aabb& box = *markers.spawn_box;
-    const Vec3 point((corner & 1U) != 0 ? box.max.x() : box.min.x(), (corner & 2U) != 0 ? box.max.y() : box.min.y(),
-                     (corner & 4U) != 0 ? box.max.z() : box.min.z());
+  for (const Vec3& point : corners_of(*markers.spawn_box)) {
     require_marker("markers.spawn_box", point);
     require_free(world, drone, "markers.spawn_box", point);
   }
@@ -92,28 +93,17 @@ namespace {
 // Returns a prism or a box around a body and its margin.
 std::vector<Vec3> hull_around(const BodyConfig& body, float margin_m) {
   constexpr int kSides = 12;
-  const Vec3 half = 0.5F * Vec3(body.size_m[0], body.size_m[1], body.size_m[2]) + Vec3::Constant(margin_m);
-  std::vector<Vec3> points;
-  if (body.shape == BodyShape::mesh) {
-    const Aabb& box = body.mesh->bounds();
-    const Vec3 low = box.min - Vec3::Constant(margin_m), high = box.max + Vec3::Constant(margin_m);
-    for (const float z : {low.z(), high.z()}) {
-      for (const float x : {low.x(), high.x()}) {
-        for (const float y : {low.y(), high.y()}) points.emplace_back(x, y, z);
-      }
-    }
-    return points;
+  const Vec3 margin = Vec3::Constant(margin_m), half = 0.5F * Vec3(body.size_m[0], body.size_m[1], body.size_m[2]);
+  if (body.shape == BodyShape::mesh || body.shape == BodyShape::box) {
+    const Aabb box = body.shape == BodyShape::mesh ? body.mesh->bounds() : Aabb{-half, half};
+    return corners_of({box.min - margin, box.max + margin});
   }
-  for (const float z : {-half.z(), half.z()}) {
-    if (body.shape == BodyShape::box) {
-      for (const float x : {-half.x(), half.x()}) {
-        for (const float y : {-half.y(), half.y()}) points.emplace_back(x, y, z);
-      }
-      continue;
-    }
+  std::vector<Vec3> points;
+  const Vec3 reach = half + margin;
+  for (const float z : {-reach.z(), reach.z()}) {
     for (int i = 0; i < kSides; ++i) {
       const float angle = 2.0F * std::numbers::pi_v<float> * static_cast<float>(i) / kSides;
-      const float radius = half.x() / std::cos(std::numbers::pi_v<float> / kSides);
+      const float radius = reach.x() / std::cos(std::numbers::pi_v<float> / kSides);
       points.emplace_back(radius * std::cos(angle), radius * std::sin(angle), z);
     }
   }

@@ -26,7 +26,7 @@
 namespace flockstep {
 namespace {
 
-using Path = std::vector<Vec3>;
+using Polyline = std::vector<Vec3>;
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr double kCoarsest = 1 << 14;        // minimum number of cells of the coarsest grid
@@ -35,7 +35,7 @@ constexpr std::size_t kMaxAtGoal = 1 << 15;  // maximum number of nodes in the s
 constexpr float kStraightEnough = 1.01F;     // stop once the path is at most this multiple of the straight distance
 constexpr float kWorthIt = 0.995F;           // a new path must be shorter than this multiple of the current length
 
-double length_of(const Path& path) {
+double length_of(const Polyline& path) {
   double length = 0.0;
   for (std::size_t i = 1; i < path.size(); ++i) length += (path[i] - path[i - 1]).cast<double>().norm();
   return length;
@@ -71,7 +71,7 @@ class Search {
  public:
   Search(Lattice& lattice, float bound, Reporter& reporter) : lattice_(lattice), bound_(bound), reporter_(reporter) {}
 
-  std::optional<Path> run() { return run(lattice_.start(), Lattice::kGoal, std::numeric_limits<std::size_t>::max()); }
+  std::optional<Polyline> run() { return run(lattice_.start(), Lattice::kGoal, std::numeric_limits<std::size_t>::max()); }
 
   // Returns true if the goal lies in a small closed space: a search from the goal runs out of nodes early.
   bool is_goal_shut_in() {
@@ -82,7 +82,7 @@ class Search {
  private:
   using Entry = std::pair<float, std::int32_t>;  // least path length through this node; ties go to the lower index
 
-  std::optional<Path> run(std::int32_t start, std::int32_t end, std::size_t most) {
+  std::optional<Polyline> run(std::int32_t start, std::int32_t end, std::size_t most) {
     end_ = lattice_.position(end);
     lattice_.at(start) = {.cost = 0.0F, .parent = start, .is_checked = true};
     push(start);
@@ -156,8 +156,8 @@ class Search {
     return false;
   }
 
-  Path trace_back(std::int32_t start, std::int32_t end) {
-    Path path;
+  Polyline trace_back(std::int32_t start, std::int32_t end) {
+    Polyline path;
     std::int32_t node = end;
     for (; node != start; node = lattice_.at(node).parent) path.push_back(lattice_.position(node));
     path.push_back(lattice_.position(node));
@@ -173,8 +173,8 @@ class Search {
 };
 
 // Removes every corner that the drone can cut.
-Path without_detours(Lattice& lattice, const Path& path) {
-  Path shorter{path.front()};
+Polyline without_detours(Lattice& lattice, const Polyline& path) {
+  Polyline shorter{path.front()};
   for (std::size_t i = 0; i + 1 < path.size();) {
     std::size_t next = path.size() - 1;
     while (next > i + 1 && !lattice.is_clear(path[i], path[next])) --next;
@@ -186,7 +186,7 @@ Path without_detours(Lattice& lattice, const Path& path) {
 
 // Pulls the path taut: each corner moves as far as possible towards its two neighbours and towards the line between them. Each
 // of the three moves shortens the path; together they let a corner slide along an obstacle.
-void pull_taut(Lattice& lattice, Path& path) {
+void pull_taut(Lattice& lattice, Polyline& path) {
   constexpr int kRounds = 4;
   constexpr float kLargestStep = 0.5F;  // fraction of the way
   constexpr float kSmallestStep = 0.01F;
@@ -225,14 +225,14 @@ bool is_full_height(const World& world) {
   });
 }
 
-Path shortened(Lattice& lattice, const Path& path) {
-  Path taut = without_detours(lattice, path);
+Polyline shortened(Lattice& lattice, const Polyline& path) {
+  Polyline taut = without_detours(lattice, path);
   pull_taut(lattice, taut);
   return taut;
 }
 
 // Adds an even climb or descent to a path in the plane; nullopt if the drone then touches something.
-std::optional<Path> lifted(const FreeSpace& space, Path path, float goal_z) {
+std::optional<Polyline> lifted(const FreeSpace& space, Polyline path, float goal_z) {
   const float start_z = path.front().z();
   const auto length = static_cast<float>(length_of(path));
   float flown = 0.0F;
@@ -248,7 +248,7 @@ std::optional<Path> lifted(const FreeSpace& space, Path path, float goal_z) {
 
 // Splits a leg until the drone can fly each part in one clear sweep. The planner has already swept shorter parts of the leg and
 // found them clear.
-void add_leg(const FreeSpace& space, Path& path, const Vec3& to, int cuts = 10) {
+void add_leg(const FreeSpace& space, Polyline& path, const Vec3& to, int cuts = 10) {
   const Vec3 from = path.back();
   if (cuts > 0 && !space.is_free_leg(from, to)) {
     add_leg(space, path, 0.5F * (from + to), cuts - 1);
@@ -270,17 +270,17 @@ double cells_within(const Aabb& region, const Vec3& start, const Vec3& goal, dou
 }
 
 // Searches on grids from coarse to fine.
-std::optional<Path> search(const FreeSpace& space, const Aabb& region, const Vec3& start, const Vec3& goal, float finest,
-                           bool is_flat, Reporter& reporter) {
+std::optional<Polyline> search(const FreeSpace& space, const Aabb& region, const Vec3& start, const Vec3& goal, float finest,
+                               bool is_flat, Reporter& reporter) {
   float cell = finest;
   while (Lattice::count(region, start, 2.0F * cell, is_flat) >= kCoarsest) cell *= 2.0F;
-  std::optional<Path> best;
+  std::optional<Polyline> best;
   float bound = kInfinity;
   bool is_first = true;
   for (; cell >= 0.75F * finest; cell *= 0.5F) {
     if (best && cells_within(region, start, goal, bound, cell, is_flat) > kMaxBetter) break;
     Lattice lattice(space, region, start, goal, cell, is_flat);
-    const std::optional<Path> found = Search(lattice, bound, reporter).run();
+    const std::optional<Polyline> found = Search(lattice, bound, reporter).run();
     if (!found && is_first && cell > finest &&
         Lattice::fits(region, start, finest, is_flat)) {  // avoids searching finer grids in vain
       Lattice fine(space, region, start, goal, finest, is_flat);
@@ -288,7 +288,7 @@ std::optional<Path> search(const FreeSpace& space, const Aabb& region, const Vec
     }
     is_first = false;
     if (!found) continue;
-    Path taut = shortened(lattice, *found);
+    Polyline taut = shortened(lattice, *found);
     const auto length = static_cast<float>(length_of(taut));
     if (length < bound) best = std::move(taut);
     bound = std::min(bound, kWorthIt * length);
@@ -297,15 +297,15 @@ std::optional<Path> search(const FreeSpace& space, const Aabb& region, const Vec
   return best;
 }
 
-std::optional<Path> plan_leg(const FreeSpace& space, const Aabb& region, bool full_height, const Vec3& start, const Vec3& goal,
-                             float cell, Reporter& reporter) {
+std::optional<Polyline> plan_leg(const FreeSpace& space, const Aabb& region, bool full_height, const Vec3& start,
+                                 const Vec3& goal, float cell, Reporter& reporter) {
   if (!space.is_free(start) || !space.is_free(goal)) return std::nullopt;
-  if (space.is_clear(start, goal)) return Path{start, goal};
+  if (space.is_clear(start, goal)) return Polyline{start, goal};
   if (full_height) {
     const Vec3 goal_below(goal.x(), goal.y(), start.z());
-    const std::optional<Path> flat = search(space, region, start, goal_below, cell, true, reporter);
+    const std::optional<Polyline> flat = search(space, region, start, goal_below, cell, true, reporter);
     if (!flat) return std::nullopt;
-    if (std::optional<Path> path = lifted(space, *flat, goal.z())) return path;
+    if (std::optional<Polyline> path = lifted(space, *flat, goal.z())) return path;
   }
   return search(space, region, start, goal, cell, false, reporter);
 }
@@ -334,9 +334,9 @@ std::optional<std::vector<Vec3>> plan(const World& world, const DroneModel& dron
   for (const Vec3& goal : goals) region.extend(goal);
 
   Reporter reporter(progress, goals.size());
-  Path path{start};
+  Polyline path{start};
   for (const Vec3& goal : goals) {
-    const std::optional<Path> leg =
+    const std::optional<Polyline> leg =
         plan_leg(space, Aabb{region.min(), region.max()}, full_height, path.back(), goal, cell_m, reporter);
     if (!leg) return std::nullopt;
     reporter.end_leg();

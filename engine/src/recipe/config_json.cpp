@@ -1,6 +1,5 @@
 #include "recipe/config_json.hpp"
 
-#include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -8,13 +7,10 @@
 #include <variant>
 #include <vector>
 
-#include "base/config_values.hpp"
 #include "base/excerpt.hpp"
 #include "base/json_document.hpp"
 #include "base/nearest_name.hpp"
 #include "base/require.hpp"
-#include "flockstep/config.hpp"
-#include "flockstep/generators.hpp"
 #include "flockstep/tasks.hpp"
 
 namespace flockstep {
@@ -24,16 +20,6 @@ using Json = nlohmann::json;
 using OrderedJson = nlohmann::ordered_json;
 
 }  // namespace
-
-template <HasFields Config>
-OrderedJson json_of(const Config& config) {
-  return config_values::written(config, "");
-}
-
-template <HasFields Config>
-void read_config(const Json& json, const std::string& path, Config& config) {
-  config_values::read_value(json, {}, path, config);
-}
 
 std::string names_of_tasks() {
   std::string text;
@@ -90,32 +76,5 @@ TaskConfig read_task(const Json& json) {
           json::excerpt_of(fields));
   return RegisteredTask{name};
 }
-
-#define FLOCKSTEP_CONFIG_JSON(Config)          \
-  template OrderedJson json_of(const Config&); \
-  template void read_config(const Json&, const std::string&, Config&)
-FLOCKSTEP_CONFIG_JSON(Airframe);
-FLOCKSTEP_CONFIG_JSON(BatchConfig);
-FLOCKSTEP_CONFIG_JSON(BodyConfig);
-FLOCKSTEP_CONFIG_JSON(BodyMotion);
-FLOCKSTEP_CONFIG_JSON(CameraChange);
-FLOCKSTEP_CONFIG_JSON(CameraConfig);
-FLOCKSTEP_CONFIG_JSON(CityConfig);
-FLOCKSTEP_CONFIG_JSON(ClockConfig);
-FLOCKSTEP_CONFIG_JSON(ColorRange);
-FLOCKSTEP_CONFIG_JSON(DynamicsConfig);
-FLOCKSTEP_CONFIG_JSON(EpisodeConfig);
-FLOCKSTEP_CONFIG_JSON(ForestConfig);
-FLOCKSTEP_CONFIG_JSON(LidarChange);
-FLOCKSTEP_CONFIG_JSON(LidarConfig);
-FLOCKSTEP_CONFIG_JSON(Light);
-FLOCKSTEP_CONFIG_JSON(NavigationReward);
-FLOCKSTEP_CONFIG_JSON(OfficeConfig);
-FLOCKSTEP_CONFIG_JSON(PlaygroundConfig);
-FLOCKSTEP_CONFIG_JSON(PoseSensorConfig);
-FLOCKSTEP_CONFIG_JSON(RaceTrackConfig);
-FLOCKSTEP_CONFIG_JSON(WarehouseConfig);
-FLOCKSTEP_CONFIG_JSON(WindConfig);
-#undef FLOCKSTEP_CONFIG_JSON
 
 }  // namespace flockstep

@@ -5,9 +5,10 @@
 // float32 is read back with the same bits.
 #pragma once
 
-#include <nlohmann/json_fwd.hpp>
+#include <nlohmann/json.hpp>
 #include <string>
 
+#include "base/config_values.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/tasks.hpp"
 
@@ -15,14 +16,18 @@ namespace flockstep {
 
 // Rejects non-finite numbers, which JSON cannot represent.
 template <HasFields Config>
-nlohmann::ordered_json json_of(const Config& config);
+nlohmann::ordered_json json_of(const Config& config) {
+  return config_values::written(config, "");
+}
 
 // Reads a configuration. Missing fields keep their values. Throws std::invalid_argument that names the place
 // ("lidar.offset_m[2]"), the expected value and the actual one for unknown members, values of the wrong type and numbers
 // outside the limits of their fields. validate() checks the rules that compare fields with each other. `path` is the place of
 // the configuration itself.
 template <HasFields Config>
-void read_config(const nlohmann::json& json, const std::string& path, Config& config);
+void read_config(const nlohmann::json& json, const std::string& path, Config& config) {
+  config_values::read_value({json, {}, path, true}, {}, config);
+}
 
 // A task is null, or an object with the fields of its configuration and a "name": the task's name or the id of a registered
 // task.

@@ -6,7 +6,6 @@
 #include <optional>
 #include <set>
 #include <stdexcept>
-#include <utility>
 
 #include "base/excerpt.hpp"
 #include "base/nearest_name.hpp"

@@ -18,7 +18,7 @@ SunDisc::SunDisc(const Light& light) {
   steepness = static_cast<float>(1.0 / (0.19 * chord * chord));
 }
 
-Appearance::Appearance(const World& world) : marker_radius(world.markers().radius), light(world.light()) {
+Appearance::Appearance(const World& world) {
   for (std::size_t i = 0; i < world.materials().size(); ++i) {
     const Material& material = world.materials()[i];
     const std::int32_t texture = material.texture ? std::int32_t{*material.texture} : -1;

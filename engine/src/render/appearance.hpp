@@ -47,16 +47,6 @@ struct SunDisc {
   static constexpr float kFocus = 100.0F;  // factor of q in the glow: larger values make the glow fade faster
 };
 
-// The air between a camera and what it sees; see Light.
-struct Air {
-  explicit Air(const Light& light) : fog_per_m(light.fog_visibility_m > 0.0F ? 3.9F / light.fog_visibility_m : 0.0F) {}
-
-  bool is_clear() const { return fog_per_m == 0.0F; }
-  std::array<float, 4> row() const { return {fog_per_m, 0.0F, 0.0F, 0.0F}; }  // in the layout of shaders
-
-  float fog_per_m = 0.0F;  // 1/m, beta of the fog
-};
-
 struct Appearance {
   explicit Appearance(const World& world);
 
@@ -64,8 +54,6 @@ struct Appearance {
   std::vector<Surface> materials;     // one per material, for triangles; instance is 0
   std::uint16_t first_object = 0;     // instance id of the triangles of mesh 0
   std::vector<MarkerSphere> markers;  // start, waypoints, goal
-  float marker_radius = 0.25F;        // m
-  Light light;
 };
 
 // Returns the room of a world if something lies outside it that its shadow can reach. A room hides the sun only from points

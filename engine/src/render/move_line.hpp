@@ -34,7 +34,7 @@ class LinePainter {
   using Vec3d = Eigen::Vector3d;
   // A point of a line: its ray (1, left, up) in the camera's frame, its inverse depth, and its place in the image.
   struct Point {
-    double left, up, inverse_depth;  // of depth in m
+    double left, up, inverse_depth;  // depth in m
     double x, y;                     // px, from the upper left corner
   };
   Point project(const Vec3d& local) const;

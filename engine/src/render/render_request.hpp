@@ -19,7 +19,7 @@ namespace flockstep::render {
 class Shading;
 
 // One image per output, laid out as in CameraImages; null if the camera does not write it.
-struct Frame {
+struct RenderTargets {
   std::uint8_t* rgb = nullptr;
   float* depth = nullptr;
   std::uint16_t* semantic = nullptr;
@@ -41,7 +41,8 @@ struct RenderRequest {
   const PinholeCamera* pinhole;  // optics of that camera, with this drone's field of view
   Vec3 position;                 // m, world frame
   Mat3 rotation;                 // camera to world
-  Frame frame;
+  RenderTargets frame;
+  std::uint8_t* centres = nullptr;  // adaptive cameras: planes of r, g, b at the pixels' centres, padded to whole tiles
   trace::TracePolicy policy{};
   VisibleBodies bodies{};  // bodies of the env; their arrays must outlive the rendering
   VisibleBodies drones{};  // the same for the drones that the camera sees

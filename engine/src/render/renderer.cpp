@@ -41,10 +41,20 @@ void Renderer::raycast(std::span<const RenderRequest> requests, Workers& workers
                                     [&](const RenderRequest& request) { return request.camera != requests[0].camera; });
     const auto count = static_cast<std::size_t>(other - requests.begin());
     const std::size_t jobs = (tiles + kTilesPerJob - 1) / kTilesPerJob;
-    workers.run(count * jobs, [&](std::size_t job, std::size_t thread) {
-      const std::size_t first = job % jobs * kTilesPerJob;
-      render_tiles(requests[job / jobs], first, std::min(first + kTilesPerJob, tiles), *raycast_scratches_[thread]);
-    });
+    const std::size_t colors = 3 * tiles * TilePixels::kCount;
+    const auto& camera = *requests[0].camera;
+    const bool adaptive = camera.adaptive_samples && camera.samples_per_pixel > 1 && camera.outputs.any_color();
+    if (adaptive && centres_.size() < count * colors) centres_.resize(count * colors);
+    const auto for_all_tiles = [&](const auto& render) {
+      workers.run(count * jobs, [&](std::size_t job, std::size_t thread) {
+        RenderRequest request = requests[job / jobs];
+        if (adaptive) request.centres = centres_.data() + job / jobs * colors;
+        const std::size_t first = job % jobs * kTilesPerJob;
+        render(request, first, std::min(first + kTilesPerJob, tiles), *raycast_scratches_[thread]);
+      });
+    };
+    for_all_tiles(render_tiles);
+    if (adaptive) for_all_tiles(refine_tiles);
     requests = requests.subspan(count);
   }
 }

@@ -39,6 +39,7 @@ class Renderer {
 
   std::unique_ptr<GlRenderer> gl_;                                  // null if raycast renders
   std::vector<std::unique_ptr<RaycastScratch>> raycast_scratches_;  // one per thread
+  std::vector<std::uint8_t> centres_;                               // see RenderRequest
   std::string report_;
   std::string warning_;
 };

@@ -107,12 +107,12 @@ class Halving {
   const std::array<float, 256>& linear_ = srgb_to_linear();
 };
 
-// Returns the number of texels of all levels.
-std::size_t num_texels(const Texture& texture, int border) {
+// Returns the number of texels of all levels, with their borders.
+std::size_t num_texels(const Texture& texture) {
   std::size_t count = 0;
   for (int width = texture.width_px, height = texture.height_px;;
        width = std::max(width / 2, 1), height = std::max(height / 2, 1)) {
-    count += static_cast<std::size_t>(width + 2 * border) * static_cast<std::size_t>(height + 2 * border);
+    count += static_cast<std::size_t>(width + 2) * static_cast<std::size_t>(height + 2);
     if (width == 1 && height == 1) return count;
   }
 }
@@ -133,14 +133,13 @@ std::vector<bool> masked_textures(const World& world) {
 
 }  // namespace
 
-Textures::Textures(const World& world, Border border) : Textures(world.textures(), masked_textures(world), border) {}
+Textures::Textures(const World& world) : Textures(world.textures(), masked_textures(world)) {}
 
-Textures::Textures(std::span<const Texture> textures, const std::vector<bool>& masked, Border border) {
-  const int wide = border == Border::yes ? 1 : 0;
+Textures::Textures(std::span<const Texture> textures, const std::vector<bool>& masked) {
   constexpr auto kMax = static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max());
   std::size_t count = 0;
   for (const Texture& texture : textures) {
-    count += num_texels(texture, wide);
+    count += num_texels(texture);
     require(count < kMax, "textures", "less than 2^31 texels, mip levels included", texture.name);
   }
   texels.reserve(count);  // levels are computed from levels in this memory
@@ -149,45 +148,37 @@ Textures::Textures(std::span<const Texture> textures, const std::vector<bool>& m
     wrap_across.push_back(static_cast<std::int32_t>(texture.wrap[0]));
     wrap_down.push_back(static_cast<std::int32_t>(texture.wrap[1]));
     const bool is_masked = !masked.empty() && masked[first_level.size() - 1];
-    const auto add_level = [&](const Level& size, const auto& write_row) {
-      const std::size_t first = texels.size(), length = static_cast<std::size_t>(size.stride);
-      width.push_back(size.width);
-      height.push_back(size.height);
-      stride.push_back(size.stride);
-      offset.push_back(static_cast<std::int32_t>(first) + wide * (size.stride + 1));
-      texels.resize(first + static_cast<std::size_t>(wide) * length);
-      for (int y = 0; y < size.height; ++y) {
-        const std::size_t begin = texels.size();
-        texels.resize(begin + length);
-        const std::span row(texels.data() + begin, length);
-        write_row(y, row.subspan(static_cast<std::size_t>(wide), static_cast<std::size_t>(size.width)));
-        if (wide == 0) continue;
-        row.front() = row[static_cast<std::size_t>(source(-1, size.width, texture.wrap[0]) + 1)];
-        row.back() = row[static_cast<std::size_t>(source(size.width, size.width, texture.wrap[0]) + 1)];
+    const auto add_level = [&](int level_width, int level_height, const auto& write_row) {
+      const int between = level_width + 2;
+      const std::size_t first = texels.size(), length = static_cast<std::size_t>(between);
+      width.push_back(level_width);
+      height.push_back(level_height);
+      stride.push_back(between);
+      offset.push_back(static_cast<std::int32_t>(first) + between + 1);
+      texels.resize(first + length * static_cast<std::size_t>(level_height + 2));
+      const Level level{texels.data() + offset.back(), level_width, level_height, between};
+      for (int y = 0; y < level_height; ++y) {
+        const std::span row(texels.data() + first + static_cast<std::size_t>(y + 1) * length, length);
+        write_row(y, row.subspan(1, static_cast<std::size_t>(level_width)));
+        row.front() = row[static_cast<std::size_t>(source(-1, level_width, texture.wrap[0]) + 1)];
+        row.back() = row[static_cast<std::size_t>(source(level_width, level_width, texture.wrap[0]) + 1)];
       }
-      const Level level{texels.data() + offset.back(), size.width, size.height, size.stride};
-      if (wide == 0) return level;
-      texels.resize(texels.size() + length);
-      const auto copy_row = [&](int to) {
-        std::copy_n(level.row(source(to, size.height, texture.wrap[1])) - 1, length,
-                    texels.data() + first + static_cast<std::size_t>(to + 1) * length);
-      };
-      copy_row(-1);
-      copy_row(size.height);
+      for (const int y : {-1, level_height}) {
+        std::copy_n(level.row(source(y, level_height, texture.wrap[1])) - 1, length,
+                    texels.data() + first + static_cast<std::size_t>(y + 1) * length);
+      }
       return level;
     };
-    Level level = add_level({nullptr, texture.width_px, texture.height_px, texture.width_px + 2 * wide},
-                            [&](int y, std::span<std::uint32_t> row) {
-                              const std::uint8_t* rgba = texture.rgba.data() + std::ptrdiff_t{4} * texture.width_px * y;
-                              for (std::uint32_t& texel : row) {
-                                texel = packed(rgba[0], rgba[1], rgba[2], rgba[3]);
-                                rgba += 4;
-                              }
-                            });
+    Level level = add_level(texture.width_px, texture.height_px, [&](int y, std::span<std::uint32_t> row) {
+      const std::uint8_t* rgba = texture.rgba.data() + std::ptrdiff_t{4} * texture.width_px * y;
+      for (std::uint32_t& texel : row) {
+        texel = packed(rgba[0], rgba[1], rgba[2], rgba[3]);
+        rgba += 4;
+      }
+    });
     while (level.width > 1 || level.height > 1) {
       const Halving halving(level, is_masked);
-      const int half_width = std::max(level.width / 2, 1);
-      level = add_level({nullptr, half_width, std::max(level.height / 2, 1), half_width + 2 * wide},
+      level = add_level(std::max(level.width / 2, 1), std::max(level.height / 2, 1),
                         [&](int y, std::span<std::uint32_t> row) { halving.write_row(y, row); });
     }
     num_levels.push_back(static_cast<std::int32_t>(offset.size()) - first_level.back());

@@ -20,15 +20,13 @@
 
 namespace flockstep::render {
 
-// Selects whether levels have a border of one texel. The border continues the texture beyond its edge according to its wrap
-// mode, so the four texels around a position are always two pairs of neighbours in memory.
-enum class Border : bool { no, yes };
-
+// Each level has a border of one texel. It continues the texture beyond its edge according to its wrap mode, so the four texels
+// around a position are always two pairs of neighbours in memory.
 struct Textures {
   // masked: one flag per texture, true if it makes something transparent; empty if none does. Throws std::invalid_argument if
   // there are too many texels to be numbered.
-  explicit Textures(std::span<const Texture> textures, const std::vector<bool>& masked = {}, Border border = Border::no);
-  explicit Textures(const World& world, Border border = Border::no);
+  explicit Textures(std::span<const Texture> textures, const std::vector<bool>& masked = {});
+  explicit Textures(const World& world);
 
   bool empty() const { return first_level.empty(); }
 
@@ -36,8 +34,8 @@ struct Textures {
   // One per texture.
   std::vector<std::int32_t> first_level, num_levels;
   std::vector<std::int32_t> wrap_across, wrap_down;  // TextureWrap
-  // One per level, largest first: its first texel, its size, and the distance between its rows. The last level is a single
-  // texel.
+  // One per level, largest first: its first texel within the border, its size, and the distance between its rows. The last level
+  // is a single texel.
   std::vector<std::int32_t> offset, width, height, stride;
 };
 

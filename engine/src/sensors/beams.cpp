@@ -92,7 +92,7 @@ void add_view(BeamPattern& pattern, BeamTile& tile) {
 // Cuts the grid of a LiDAR into tiles.
 class PatternMaker {
  public:
-  static constexpr int kMinChannels = 4;  // of tiles with views; these keep their fans
+  static constexpr int kMinChannels = 4;  // for tiles with views; others keep their fans
 
   PatternMaker(const LidarConfig& config, const trace::TracePolicy& policy)
       : policy_(policy),

@@ -36,7 +36,7 @@ class Lidar final : public SensorOf<LidarReadings> {
   void change(const LidarChange& change, std::span<const DroneIndex> drones);
 
   void write_directions(std::span<float> out) const;                    // (N, channels, beams, 3) unit, body frame
-  void write_directions(DroneIndex drone, std::span<float> out) const;  // of one drone, (channels, beams, 3)
+  void write_directions(DroneIndex drone, std::span<float> out) const;  // one drone's, (channels, beams, 3)
   void write_points(const State& state, std::span<float> out) const;    // same shape, m, world frame; inf on a miss
 
   // Scans from a pose with the drone's own setting.

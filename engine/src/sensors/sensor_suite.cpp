@@ -1,6 +1,5 @@
 #include "sensors/sensor_suite.hpp"
 
-#include <cstdint>
 #include <utility>
 
 namespace flockstep::sensors {

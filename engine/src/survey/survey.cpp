@@ -10,7 +10,6 @@
 #include <cstdint>
 #include <limits>
 #include <sstream>
-#include <string>
 #include <utility>
 #include <vector>
 

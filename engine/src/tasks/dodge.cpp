@@ -2,7 +2,6 @@
 #include "flockstep/tasks/dodge.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -10,8 +9,8 @@
 #include <vector>
 
 #include "base/check_fields.hpp"
-#include "base/hash.hpp"
 #include "base/require.hpp"
+#include "tasks/configured_task.hpp"
 #include "tasks/terms.hpp"
 
 namespace flockstep {
@@ -32,7 +31,7 @@ struct DodgeState {
   }
 };
 
-class Dodge final : public Task {
+class Dodge final : public ConfiguredTask<DodgeConfig> {
   static constexpr std::uint32_t kStartStream = 0, kGoalStream = 1;
   static constexpr std::uint32_t kTries = 64;    // random positions to try
   static constexpr std::size_t kHead = 5;        // numbers before the ranges
@@ -41,24 +40,12 @@ class Dodge final : public Task {
   enum Term : std::size_t { kProgress, kGoal, kCrash, kNear, kTime };
 
  public:
-  explicit Dodge(const DodgeConfig& config) : config_(config) {
-    config.validate();
-    spec_.action = {.name = "action", .shape = {kNumAxes}};
-    spec_.reward_terms = reward_terms_of<DodgeConfig>();
-  }
-
-  const TaskSpec& spec() const override { return spec_; }
+  explicit Dodge(const DodgeConfig& config) : ConfiguredTask(config, {.name = "action", .shape = {kNumAxes}}) {}
 
   TaskDefaults defaults() const override {
     return {.worlds = "living",
             .lidars = {LidarConfig{.beams = 72, .hfov_deg = 360.0F, .max_range_m = 6.0F}},
             .max_episode_steps = 400};
-  }
-
-  std::string identity() const override {
-    Hash hash;
-    hash.add(config_);
-    return "dodge " + std::to_string(hash.value());
   }
 
   void setup(const TaskContext& context) override {
@@ -80,8 +67,7 @@ class Dodge final : public Task {
   void place(const TaskBlock& block) override {
     for (const DroneIndex drone : block.drones) {
       const EnvIndex env = block.context.env_of(drone);
-      const World& world = block.context.world_of(env);
-      Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2.0F);
+      Vec3 start = block.context.world_of(env).drone_start();
       for (std::uint32_t attempt = 0; attempt < kTries; ++attempt) {
         const Vec3 drawn = drawn_position(block.context, drone, kStartStream, attempt);
         if (!is_clear_of_bodies(block.context, env, drawn)) continue;
@@ -199,8 +185,6 @@ class Dodge final : public Task {
     return true;
   }
 
-  DodgeConfig config_;
-  TaskSpec spec_;
   std::size_t rays_ = 0;
   DodgeState state_;
 };

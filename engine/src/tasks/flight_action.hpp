@@ -86,7 +86,7 @@ class FlightAction {
     const double to_acceleration = static_cast<double>(kRotors) / frame.mass_kg;
     const double least = frame.thrust_at(frame.min_speed_radps);
     const double most = std::min(to_acceleration * frame.max_thrust(), max_thrust_to_weight * kGravity);
-    const double hover_n = frame.mass_kg * kGravity / static_cast<double>(kRotors);  // of one rotor
+    const double hover_n = frame.mass_kg * kGravity / static_cast<double>(kRotors);  // one rotor's thrust
     const ActionRange thrust{to_acceleration * least, kGravity, most};
     const ActionRange rotor{least, hover_n, std::min(frame.max_thrust(), max_thrust_to_weight * hover_n)};
     const ActionRange rate = even(radians(config.max_rate_dps)), yaw_rate = even(radians(config.max_yaw_rate_dps));

@@ -9,13 +9,13 @@
 #include <limits>
 #include <numbers>
 #include <span>
-#include <string>
 #include <vector>
 
 #include "base/require.hpp"
 #include "dynamics/flight.hpp"
 #include "flockstep/task.hpp"
 #include "planning/navigable.hpp"
+#include "tasks/configured_task.hpp"
 #include "tasks/flight_action.hpp"
 
 namespace flockstep::task {
@@ -82,7 +82,6 @@ void for_each_lanes(std::span<const DroneIndex> drones, const F& f) {
 
 class FlightTask : public Task {
  public:
-  const TaskSpec& spec() const override { return spec_; }
   bool takes(Control control) const override { return control != Control::pose; }
 
   void setup(const TaskContext& context) override {
@@ -130,11 +129,6 @@ class FlightTask : public Task {
   }
 
  protected:
-  explicit FlightTask(std::vector<std::string> reward_terms) {
-    spec_.action = {.name = "action", .shape = {kActions}};
-    spec_.reward_terms = std::move(reward_terms);
-  }
-
   // The goal marker of a world, or the centre of the world if it has none.
   static Vec3 target_of(const World& world) {
     return world.markers().goal.value_or((world.bounds().min + world.bounds().max) / 2.0F);
@@ -185,8 +179,7 @@ class FlightTask : public Task {
   const std::vector<float>& action_now() const { return action_now_; }
   const std::vector<float>& action_before() const { return action_before_; }
 
-  TaskSpec spec_;
-  double max_thrust_to_weight_ = std::numeric_limits<double>::infinity();  // of actions, set before setup()
+  double max_thrust_to_weight_ = std::numeric_limits<double>::infinity();  // limit of actions, set before setup()
 
  private:
   FlightAction action_;
@@ -196,6 +189,13 @@ class FlightTask : public Task {
   std::vector<std::int32_t> target_world_;  // (N,) world_index of each target; -1: none yet
   std::vector<float> action_before_;        // (N, 4) in [-1, 1], previous action; 0 in the first step
   std::vector<float> action_now_;           // (N, 4) in [-1, 1], action of the current or last step
+};
+
+template <class Config>
+class ConfiguredFlightTask : public ConfiguredTask<Config, FlightTask> {
+ protected:
+  explicit ConfiguredFlightTask(const Config& config)
+      : ConfiguredTask<Config, FlightTask>(config, {.name = "action", .shape = {kActions}}) {}
 };
 
 }  // namespace flockstep::task

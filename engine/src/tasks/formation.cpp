@@ -16,7 +16,6 @@
 #include <vector>
 
 #include "base/check_fields.hpp"
-#include "base/hash.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "collision/sweep.hpp"
@@ -25,6 +24,7 @@
 #include "flockstep/world.hpp"
 #include "planning/navigable.hpp"
 #include "prepared/prepared_world.hpp"
+#include "tasks/configured_task.hpp"
 #include "tasks/leader.hpp"
 #include "tasks/team_motion.hpp"
 #include "tasks/terms.hpp"
@@ -93,7 +93,7 @@ double share_apart(const Eigen::Vector3d& column, const Eigen::Vector3d& shape, 
   const Eigen::Vector3d change = shape - column;
   const double a = change.squaredNorm(), b = column.dot(change), c = column.squaredNorm() - distance * distance;
   if (c <= 0.0) return 0.0;
-  const double root = b * b - a * c;  // of |column + share * change|^2 = distance^2
+  const double root = b * b - a * c;  // discriminant for |column + share * change|^2 = distance^2
   return b >= 0.0 || root <= 0.0 ? 1.0 : std::min((-b - std::sqrt(root)) / a, 1.0);
 }
 
@@ -219,7 +219,7 @@ struct FormationState {
   }
 };
 
-class Formation final : public Task {
+class Formation final : public ConfiguredTask<FormationConfig> {
   static constexpr std::uint32_t kLoopStream = 0, kStartStream = 1;
   static constexpr std::uint32_t kTries = 64;     // random positions to try
   static constexpr std::size_t kLoopCorners = 6;  // corners per loop
@@ -233,13 +233,8 @@ class Formation final : public Task {
   enum Term : std::size_t { kPlace, kCrash, kNear, kChange };
 
  public:
-  explicit Formation(const FormationConfig& config) : config_(config), motion_(config.step_m) {
-    config.validate();
-    spec_.action = {.name = "action", .shape = {kAxes}};
-    spec_.reward_terms = reward_terms_of<FormationConfig>();
-  }
-
-  const TaskSpec& spec() const override { return spec_; }
+  explicit Formation(const FormationConfig& config)
+      : ConfiguredTask(config, {.name = "action", .shape = {kAxes}}), motion_(config.step_m) {}
 
   TaskDefaults defaults() const override {
     return {.worlds = "arena/hall",
@@ -247,12 +242,6 @@ class Formation final : public Task {
             .max_episode_steps = 300,
             .drones_per_env = 4,
             .interaction = Interaction::both};
-  }
-
-  std::string identity() const override {
-    Hash hash;
-    hash.add(config_);
-    return "formation " + std::to_string(hash.value());
   }
 
   void setup(const TaskContext& context) override {
@@ -466,8 +455,6 @@ class Formation final : public Task {
     return {LeaderRoute(corners, true, kLoopWindow, std::max(places_.radius(), kLoopWindow)), way, places_.is_column ? 0.0 : 1.0};
   }
 
-  FormationConfig config_;
-  TaskSpec spec_;
   std::size_t rays_ = 0, neighbors_ = 0;  // numbers of the observation
   double tick_s_ = 0.0, step_s_ = 0.0;
   int substeps_ = 1;

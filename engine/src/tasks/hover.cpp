@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "base/check_fields.hpp"
-#include "base/hash.hpp"
 #include "base/require.hpp"
 #include "tasks/flight_task.hpp"
 #include "tasks/hover_kernels.hpp"
@@ -20,10 +19,9 @@ namespace flockstep {
 namespace task {
 namespace {
 
-class Hover final : public FlightTask {
+class Hover final : public ConfiguredFlightTask<HoverConfig> {
  public:
-  explicit Hover(const HoverConfig& config) : FlightTask(reward_terms_of<HoverConfig>()), config_(config) {
-    config.validate();
+  explicit Hover(const HoverConfig& config) : ConfiguredFlightTask(config) {
     static_assert(kHoverNumbers == 3 + kOwnFlight);
     spec_.observation = {flight_field(kHoverNumbers)};
   }
@@ -34,12 +32,6 @@ class Hover final : public FlightTask {
             .drone = "crazyflie",
             .dynamics = {.motion = Motion::rotors, .control = Control::rotor_thrusts},
             .clock = {.policy_hz = 50.0F}};
-  }
-
-  std::string identity() const override {
-    Hash hash;
-    hash.add(config_);
-    return "hover " + std::to_string(hash.value());
   }
 
   void setup(const TaskContext& context) override {
@@ -172,7 +164,6 @@ class Hover final : public FlightTask {
             {config_.start_speed_mps * unit[6] * direction, config_.start_rate_dps * kPi / 180.0F * around(9)}};
   }
 
-  HoverConfig config_;
   RotorUnits rotors_;
   std::int64_t hold_steps_ = 1;
   std::vector<std::int64_t> held_;  // (N,) consecutive steps within hold_m

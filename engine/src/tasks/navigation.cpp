@@ -11,11 +11,11 @@
 #include <vector>
 
 #include "base/check_fields.hpp"
-#include "base/hash.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
 #include "planning/navigable.hpp"
 #include "tasks/color_blob.hpp"
+#include "tasks/configured_task.hpp"
 #include "tasks/terms.hpp"
 
 namespace flockstep {
@@ -74,8 +74,8 @@ Field vector_field(const char* name, std::vector<double> low_of_head, std::size_
 }
 
 // Data of all envs, read from the context once for each block.
-struct Surroundings {
-  explicit Surroundings(const TaskContext& context)
+struct BlockInputs {
+  explicit BlockInputs(const TaskContext& context)
       : state(context.state()),
         episodes(context.episodes()),
         ranges(context.lidar_readings().ranges),
@@ -87,15 +87,9 @@ struct Surroundings {
   std::span<const float> max_range_m;  // (N,)
 };
 
-class Navigation final : public Task {
+class Navigation final : public ConfiguredTask<NavigationConfig> {
  public:
-  explicit Navigation(const NavigationConfig& config) : config_(config) {
-    config.validate();
-    spec_.action = action_field(config.action);
-    spec_.reward_terms = reward_terms_of<NavigationConfig>();
-  }
-
-  const TaskSpec& spec() const override { return spec_; }
+  explicit Navigation(const NavigationConfig& config) : ConfiguredTask(config, action_field(config.action)) {}
 
   TaskDefaults defaults() const override {
     if (config_.observation == ObservationKind::goal) return {.worlds = "train", .lidars = {LidarConfig()}};
@@ -103,12 +97,6 @@ class Navigation final : public Task {
     CameraConfig camera{.width_px = 64, .height_px = 48};
     if (config_.observation == ObservationKind::pixels) camera.layout = ImageLayout::chw;
     return {.worlds = "camera-train", .lidars = {LidarConfig{.beams = 20, .hfov_deg = 180.0F}}, .cameras = {camera}};
-  }
-
-  std::string identity() const override {
-    Hash hash;
-    hash.add(config_);
-    return "navigation " + std::to_string(hash.value());
   }
 
   void setup(const TaskContext& context) override {
@@ -157,13 +145,13 @@ class Navigation final : public Task {
   }
 
   void score(const TaskBlock& block, Score& score) override {
-    const Surroundings around(block.context);
+    const BlockInputs around(block.context);
     for (const DroneIndex drone : block.drones) score_drone(around, block.context, drone, score);
   }
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
     const bool apart = config_.observation == ObservationKind::pixels;  // the ranges are a separate field
-    const Surroundings around(block.context);
+    const BlockInputs around(block.context);
     for (const DroneIndex drone : block.drones) {
       const std::span<float> row = observation[apart ? 1 : 0].row<float>(drone);
       const std::size_t head = row.size() - rays_;
@@ -281,7 +269,7 @@ class Navigation final : public Task {
     return known.position;
   }
 
-  void score_drone(const Surroundings& around, const TaskContext& context, DroneIndex drone, Score& score) {
+  void score_drone(const BlockInputs& around, const TaskContext& context, DroneIndex drone, Score& score) {
     const NavigationReward& reward = config_.reward;
     const State& state = around.state;
     const Vec3 position = position_of(state, drone);
@@ -330,8 +318,6 @@ class Navigation final : public Task {
     score.success[drone] = at_final_goal && !crashed;
   }
 
-  NavigationConfig config_;
-  TaskSpec spec_;
   const TaskContext* context_ = nullptr;  // context of the batch, which owns the task
   std::size_t rays_ = 0;
   NavigationState state_;

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "base/check_fields.hpp"
-#include "base/hash.hpp"
+#include "base/pose_access.hpp"
 #include "base/require.hpp"
 #include "tasks/flight_task.hpp"
 #include "tasks/gates.hpp"
@@ -25,11 +25,10 @@ namespace {
 
 constexpr float kRadians = std::numbers::pi_v<float> / 180.0F;
 
-class Race final : public FlightTask {
+class Race final : public ConfiguredFlightTask<RaceConfig> {
  public:
   explicit Race(const RaceConfig& config)
-      : FlightTask(reward_terms_of<RaceConfig>()), config_(config), gates_ahead_(static_cast<std::size_t>(config.gates_ahead)) {
-    config.validate();
+      : ConfiguredFlightTask(config), gates_ahead_(static_cast<std::size_t>(config.gates_ahead)) {
     max_thrust_to_weight_ = static_cast<double>(config.max_thrust_to_weight);
     spec_.observation = {flight_field(kPerGate * gates_ahead_ + kOwn)};
     spec_.records_path = true;
@@ -44,12 +43,6 @@ class Race final : public FlightTask {
                          .max_rate_dps = 460.0F,       // 8 rad/s
                          .max_yaw_rate_dps = 230.0F},  // 4 rad/s
             .clock = {.policy_hz = 50.0F}};
-  }
-
-  std::string identity() const override {
-    Hash hash;
-    hash.add(config_);
-    return "race " + std::to_string(hash.value());
   }
 
   bool takes(Control control) const override { return control == Control::body_rates; }
@@ -234,14 +227,11 @@ class Race final : public FlightTask {
     const Vec3 position = last.center + (1.0F - share) * behind * leaving + share * (way - kBefore * normal_of(next));
     const float yaw = std::atan2(direction.y(), direction.x()) + kRadians * config_.start_yaw_deg * even(4);
     const float roll = kRadians * config_.start_tilt_deg * even(5), pitch = kRadians * config_.start_tilt_deg * even(6);
-    const Quat turned(std::cos(yaw / 2), 0.0F, 0.0F, std::sin(yaw / 2));
-    const Quat pitched(std::cos(pitch / 2), 0.0F, std::sin(pitch / 2), 0.0F);
-    const Quat rolled(std::cos(roll / 2), std::sin(roll / 2), 0.0F, 0.0F);
     const Vec3 velocity = is_between ? Vec3(config_.start_speed_mps * around(7)) : Vec3(Vec3::Zero());
-    return {{position + config_.start_offset_m * around(1), (turned * pitched * rolled).normalized()}, {velocity, Vec3::Zero()}};
+    return {{position + config_.start_offset_m * around(1), quat_from_rpy(roll, pitch, yaw).normalized()},
+            {velocity, Vec3::Zero()}};
   }
 
-  RaceConfig config_;
   std::size_t gates_ahead_;
   std::vector<std::int32_t> target_;   // (N,) index of the next gate
   std::vector<std::int64_t> passed_;   // (N,) gates passed in this episode

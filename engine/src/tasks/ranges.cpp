@@ -20,7 +20,7 @@ constexpr std::size_t kSums = 16;
 
 // Keeps sixteen partial sums on every target; sum i adds every 16th range from the i-th on. The total then has the same bits on
 // all targets, and no addition waits for the one before.
-Clearance clearance_of(std::span<const float> ranges, float max_range_m) {
+ScanClearance clearance_of(std::span<const float> ranges, float max_range_m) {
   using F = WideUpTo<kSums>;
   using Double = Wide<hn::CappedTag<double, kSums / 2>>;
   using Float = Wide<hn::Rebind<float, Double::Tag>>;  // same lane count
@@ -85,7 +85,7 @@ namespace flockstep::task {
 HWY_EXPORT(clearance_of);
 HWY_EXPORT(normalise);
 
-Clearance clearance_of(std::span<const float> ranges, float max_range_m) {
+ScanClearance clearance_of(std::span<const float> ranges, float max_range_m) {
   return HWY_DYNAMIC_DISPATCH(clearance_of)(ranges, max_range_m);
 }
 

@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "base/check_fields.hpp"
-#include "base/hash.hpp"
 #include "base/require.hpp"
+#include "tasks/configured_task.hpp"
 #include "tasks/team_motion.hpp"
 #include "tasks/terms.hpp"
 
@@ -31,7 +31,7 @@ struct SwapState {
   }
 };
 
-class Swap final : public Task {
+class Swap final : public ConfiguredTask<SwapConfig> {
   static constexpr std::uint32_t kTurnStream = 0, kJitterStream = 1;
   static constexpr std::size_t kAxes = 2;  // numbers per action
   using Team = TeamMotion<kAxes>;
@@ -39,28 +39,17 @@ class Swap final : public Task {
   enum Term : std::size_t { kProgress, kGoal, kCrash, kNear, kTime };
 
  public:
-  explicit Swap(const SwapConfig& config) : config_(config), motion_(config.step_m) {
-    config.validate();
+  explicit Swap(const SwapConfig& config) : ConfiguredTask(config, {.name = "action", .shape = {kAxes}}), motion_(config.step_m) {
     const auto size = static_cast<std::int64_t>(kHead + Team::kNeighbor * static_cast<std::size_t>(config.neighbors));
     Field observation{.name = "observation", .shape = {size}, .low = {-1.0}, .high = {1.0}};
     observation.low.resize(static_cast<std::size_t>(size), -1.0);
     observation.low[2] = 0.0;
     for (std::size_t i = kHead + Team::kNeighbor - 1; i < observation.low.size(); i += Team::kNeighbor) observation.low[i] = 0.0;
-    spec_.action = {.name = "action", .shape = {kAxes}};
     spec_.observation = {observation};
-    spec_.reward_terms = reward_terms_of<SwapConfig>();
   }
-
-  const TaskSpec& spec() const override { return spec_; }
 
   TaskDefaults defaults() const override {
     return {.worlds = "arena/hall", .max_episode_steps = 300, .drones_per_env = 8, .interaction = Interaction::collide};
-  }
-
-  std::string identity() const override {
-    Hash hash;
-    hash.add(config_);
-    return "swap " + std::to_string(hash.value());
   }
 
   void setup(const TaskContext& context) override {
@@ -183,8 +172,6 @@ class Swap final : public Task {
     return true;
   }
 
-  SwapConfig config_;
-  TaskSpec spec_;
   std::size_t per_env_ = 1;
   SwapState state_;
   Team motion_;

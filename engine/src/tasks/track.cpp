@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "base/check_fields.hpp"
-#include "base/hash.hpp"
 #include "base/require.hpp"
 #include "dynamics/setpoint.hpp"
 #include "tasks/flight_task.hpp"
@@ -36,11 +35,11 @@ struct Wave {
 };
 
 // A path as a sum of waves. The size and speed are fixed; the phases differ between episodes.
-class Path {
+class Trajectory {
  public:
   using Waves = std::array<Wave, kPhases>;
 
-  explicit Path(const TrackConfig& config) : kind_(config.path), size_(config.size_m) {
+  explicit Trajectory(const TrackConfig& config) : kind_(config.path), size_(config.size_m) {
     const auto speed = static_cast<double>(config.speed_mps) / static_cast<double>(config.size_m);
     if (kind_ == TrackPath::figure8) {
       // Length of a lap of size 1 by the midpoint rule, which is exact to rounding for a smooth closed curve.
@@ -103,10 +102,9 @@ class Path {
   std::array<double, kPhases> hz_{};
 };
 
-class Track final : public FlightTask {
+class Track final : public ConfiguredFlightTask<TrackConfig> {
  public:
-  explicit Track(const TrackConfig& config) : FlightTask(reward_terms_of<TrackConfig>()), config_(config), path_(config) {
-    config.validate();
+  explicit Track(const TrackConfig& config) : ConfiguredFlightTask(config), path_(config) {
     ahead_ = path_.waves_at(static_cast<double>(config.ahead_s), std::array<float, kPhases>{}.data());
     spec_.observation = {flight_field(3 * static_cast<std::size_t>(config.points) + kOwnFlight + 2)};
   }
@@ -117,12 +115,6 @@ class Track final : public FlightTask {
             .drone = "crazyflie",
             .dynamics = {.motion = Motion::rotors, .control = Control::body_rates},
             .clock = {.policy_hz = 100.0F}};
-  }
-
-  std::string identity() const override {
-    Hash hash;
-    hash.add(config_);
-    return "track " + std::to_string(hash.value());
   }
 
   void setup(const TaskContext& context) override {
@@ -140,7 +132,7 @@ class Track final : public FlightTask {
       for (int i = 0; i < kPlaces; ++i) {
         std::array<float, kPhases> phases{};
         phases[0] = static_cast<float>(i) / kPlaces;
-        const Path::Waves waves = path_.waves_at(0.0, phases.data());
+        const Trajectory::Waves waves = path_.waves_at(0.0, phases.data());
         require_free(world, drone, "the path about its middle (task.size_m sets its size)", middle + path_.position(waves));
       }
       return;
@@ -157,7 +149,7 @@ class Track final : public FlightTask {
     for (const DroneIndex drone : block.drones) {
       float* const phases = phase_.data() + kPhases * drone;
       for (std::uint32_t k = 0; k < kPhases; ++k) phases[k] = block.context.random(drone, kPhaseStream, k);
-      const Path::Waves waves = path_.waves_at(0.0, phases);
+      const Trajectory::Waves waves = path_.waves_at(0.0, phases);
       const float yaw = yaw_at(waves);
       Pose pose{target_of(block.context, drone) + path_.position(waves), Quat(std::cos(yaw / 2), 0, 0, std::sin(yaw / 2))};
       for (std::uint32_t axis = 0; axis < 3; ++axis) {
@@ -177,7 +169,7 @@ class Track final : public FlightTask {
     const State& state = block.context.state();
     const EpisodeState& episodes = block.context.episodes();
     for (const DroneIndex drone : block.drones) {
-      const Path::Waves waves = waves_of(episodes, drone);
+      const Trajectory::Waves waves = waves_of(episodes, drone);
       const Pose pose = pose_of(state, drone);
       const double distance = distance_m(target_of(block.context, drone) + path_.position(waves), pose.position);
       const auto close = static_cast<double>(config_.close_m);
@@ -204,7 +196,7 @@ class Track final : public FlightTask {
       const Mat3 to_body = pose.rotation.toRotationMatrix().transpose();
       const std::span<float> row = observation[0].row<float>(drone);
       const auto points = static_cast<std::size_t>(config_.points);
-      Path::Waves waves = waves_of(block.context.episodes(), drone);
+      Trajectory::Waves waves = waves_of(block.context.episodes(), drone);
       const float missing = missing_yaw(waves, pose.rotation);
       const Vec3 from_middle = pose.position - target_of(block.context, drone);
       for (std::size_t i = 0; i < points; ++i) {
@@ -233,23 +225,22 @@ class Track final : public FlightTask {
  private:
   enum Term : std::size_t { kNear, kClose, kYaw, kSpin, kChange, kCrash };
 
-  Path::Waves waves_of(const EpisodeState& episodes, DroneIndex drone) const {
+  Trajectory::Waves waves_of(const EpisodeState& episodes, DroneIndex drone) const {
     return path_.waves_at(static_cast<double>(episodes.steps[drone]) * step_s(), phase_.data() + kPhases * drone);
   }
 
-  float yaw_at(const Path::Waves& waves) const {
+  float yaw_at(const Trajectory::Waves& waves) const {
     if (config_.yaw == TrackYaw::fixed) return 0.0F;
     const Vec3 velocity = path_.velocity(waves);
     return std::atan2(velocity.y(), velocity.x());
   }
 
-  float missing_yaw(const Path::Waves& waves, const Quat& rotation) const {
+  float missing_yaw(const Trajectory::Waves& waves, const Quat& rotation) const {
     return std::remainder(yaw_at(waves) - dynamics::yaw_of(rotation), static_cast<float>(kTurn));
   }
 
-  TrackConfig config_;
-  Path path_;
-  Path::Waves ahead_{};          // rotation of the waves in ahead_s
+  Trajectory path_;
+  Trajectory::Waves ahead_{};    // rotation of the waves in ahead_s
   std::vector<float> phase_;     // (N, 9) turns
   std::vector<double> squares_;  // (N,) m^2, sum of the squared distances of all steps
 };

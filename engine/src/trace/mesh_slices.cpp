@@ -113,14 +113,6 @@ class SliceTrace {
     return bits(met & (fan_.sector == Fan::Sector::narrow ? first & second : first | second));
   }
 
-  HWY_INLINE void fetch(std::uint32_t child) const {
-    if (MeshTree::is_leaf(child)) {
-      prefetch(&tree_.leaf(child), sizeof(MeshLeaf));
-    } else {
-      prefetch(&tree_.node(child), sizeof(MeshNode));
-    }
-  }
-
   // Returns false, and has done nothing, if there are too many leaves.
   bool walk_listed(bool any_number) {
     std::array<std::uint32_t, kMaxWaiting> waiting;
@@ -135,7 +127,7 @@ class SliceTrace {
       const MeshNode& node = tree_.node(waiting[--count]);
       for (Lanes met = boxes_in_sector(node); met != 0; met &= met - 1) {
         const std::uint32_t child = node.child[std::countr_zero(met)];
-        fetch(child);
+        tree_.fetch(child);
         if (!MeshTree::is_leaf(child)) {
           waiting[count++] = child;
           continue;
@@ -229,7 +221,7 @@ class SliceTrace {
         const auto i = static_cast<std::size_t>(std::countr_zero(left));
         const bool is_known = (known >> i & 1U) != 0;
         const auto nearer = static_cast<std::size_t>(std::popcount(met & bits(distance2[i] > distances2)));
-        fetch(node.child[i]);
+        tree_.fetch(node.child[i]);
         waiting[last - nearer] = {node.child[i], is_known ? fan_.first[begin[i]] : std::uint16_t{0},
                                   is_known ? fan_.first[end[i]] : static_cast<std::uint16_t>(fan_.count), distance2[i]};
       }

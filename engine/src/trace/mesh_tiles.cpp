@@ -244,11 +244,11 @@ class TileTrace {
       const auto lane = static_cast<std::size_t>(std::countr_zero(left));
       order[static_cast<std::size_t>(std::popcount(children & bits(depth[lane] > depths)))] = static_cast<std::uint8_t>(lane);
     }
-    fetch(node.child[order[0]]);
+    tree_.fetch(node.child[order[0]]);
     for (std::size_t i = 0; i < count; ++i) {
       const std::size_t lane = order[i];
       if (stored.near[lane] * w_of_all_ > kBeyond) return;
-      if (i + 1 < count) fetch(node.child[order[i + 1]]);
+      if (i + 1 < count) tree_.fetch(node.child[order[i + 1]]);
       const Bits subs = subs_in(stored, lane);
       if (subs == 0) continue;
       const std::uint32_t child = node.child[lane];
@@ -276,15 +276,6 @@ class TileTrace {
       } else {
         visit(tree_.node(child));
       }
-    }
-  }
-
-  // Prefetches a child, since large trees do not fit into the nearest caches.
-  HWY_INLINE void fetch(std::uint32_t child) const {
-    if (MeshTree::is_leaf(child)) {
-      prefetch(&tree_.leaf(child), sizeof(MeshLeaf));
-    } else {
-      prefetch(&tree_.node(child), sizeof(MeshNode));
     }
   }
 

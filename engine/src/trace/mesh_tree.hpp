@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "base/near_memory.hpp"
 #include "flockstep/world.hpp"
 #include "trace/embree.hpp"
 #include "world/scene_description.hpp"
@@ -41,6 +42,10 @@ class MeshTree {
   static bool is_leaf(std::uint32_t child) { return (child & kLeaf) != 0; }
   const MeshNode& node(std::uint32_t child) const { return nodes_[child]; }
   const MeshLeaf& leaf(std::uint32_t child) const { return leaves_[child & ~kLeaf]; }
+  // Prefetches a child, since large trees do not fit into the nearest caches.
+  void fetch(std::uint32_t child) const {
+    is_leaf(child) ? prefetch(&leaf(child), sizeof(MeshLeaf)) : prefetch(&node(child), sizeof(MeshNode));
+  }
   std::uint32_t root() const { return root_; }
   // Returns a length (m) that exceeds the rounding error of a box or a hit in a frame at the origin.
   float rounding(const Vec3& origin) const { return kRounding * (extent_ + origin.cwiseAbs().maxCoeff()); }

@@ -1,4 +1,5 @@
-// Finds the balls within range of a point.
+// Finds the balls within range of a point. Balls move in each tick: one search reads the rows of the arrays that hold them, and
+// BallSlices copies them for many. The shapes of a world stay in place, and a ShapeTree finds them.
 #pragma once
 
 #include <array>
@@ -20,7 +21,8 @@ struct Balls {
 // how many there are. found: (count,).
 std::size_t find_near_balls(const Balls& balls, const Vec3& origin, float range_m, std::uint32_t* found);
 
-// Balls in an array for each coordinate, which the search reads faster. All arrays are readable for kPadding more elements.
+// Balls in an array for each coordinate. A search in such copies is faster, because it may read and write beyond the last ball:
+// all arrays are readable for kPadding more elements. In rows, another thread may be writing there.
 struct BallColumns {
   static constexpr std::size_t kPadding = 16;  // a vector
 

@@ -84,6 +84,23 @@ OriginHint hint_in_room(const Shape& room, const std::array<float, 3>& o, float 
   return within ? OriginHint::in_room : OriginHint::anywhere;
 }
 
+// Calls f(primitive, query) for the triangles within the query's radius, which f may reduce. It returns true if it has.
+template <class F>
+void query_triangles(RTCScene meshes, const Vec3& center, float radius, F f) {
+  if (meshes == nullptr) return;
+  RTCPointQuery query;
+  query.x = center.x();
+  query.y = center.y();
+  query.z = center.z();
+  query.time = 0.0F;
+  query.radius = radius;
+  RTCPointQueryContext instances;
+  rtcInitPointQueryContext(&instances);
+  rtcPointQuery(
+      meshes, &query, &instances,
+      [](RTCPointQueryFunctionArguments* args) { return (*static_cast<F*>(args->userPtr))(args->primID, *args->query); }, &f);
+}
+
 }  // namespace
 
 // shapes is indexed by element. It is declared before the scene, which reads it until its end.
@@ -175,7 +192,7 @@ std::unique_ptr<const Scene::EmbreePrimitives> Scene::make_embree_primitives() c
     made->shapes.push_back(shape.shape);
     made->shapes.back().box_half = Vec3::Constant(-1.0F);
   }
-  for (const NumberedShape& shape : traced().subspan(num_rooms_)) {
+  for (const NumberedShape& shape : casters()) {
     made->shapes[static_cast<std::size_t>(shape.element)].box_half = shape.shape.box_half;
   }
   made->scene = new_scene();
@@ -280,7 +297,7 @@ void Scene::intersect_primitives(RayBlock& rays, bool embree) const {
 
 void Scene::intersect_casters(RayBlock& rays) const {
   if (!embree_primitives_) {
-    trace_direct(traced().subspan(num_rooms_), rays);
+    trace_direct(casters(), rays);
   } else {
     trace_packets_of_16(embree_primitives_->scene.get(), 0, rays);
   }
@@ -337,58 +354,15 @@ void Scene::gather(const Vec3& origin, float near_m, float range_m, bool markers
   }
 }
 
-void Scene::for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const {
-  tree_.for_each_near(center, radius, [&](std::uint32_t element) { callback(context, element); });
-  if (!meshes_) return;
-  struct Visit {
-    NearbyCallback callback;
-    void* context;
-    std::uint32_t first_triangle;
-  } visit{callback, context, static_cast<std::uint32_t>(shapes_.size())};
-  RTCPointQuery query;
-  query.x = center.x();
-  query.y = center.y();
-  query.z = center.z();
-  query.time = 0.0F;
-  query.radius = radius;
-  RTCPointQueryContext instances;
-  rtcInitPointQueryContext(&instances);
-  rtcPointQuery(
-      meshes_.get(), &query, &instances,
-      [](RTCPointQueryFunctionArguments* args) {
-        const auto& seen = *static_cast<Visit*>(args->userPtr);
-        seen.callback(seen.context, seen.first_triangle + args->primID);
-        return false;  // the radius did not change
-      },
-      &visit);
-}
-
-void Scene::for_each_nearer(const Vec3& center, float radius, NearerCallback callback, void* context) const {
+void Scene::for_each_near(const Vec3& center, float radius, NearCallback callback, void* context) const {
   tree_.for_each_near(center, radius, [&](std::uint32_t element) { radius = std::min(radius, callback(context, element)); });
-  if (!meshes_) return;
-  struct Visit {
-    NearerCallback callback;
-    void* context;
-    std::uint32_t first_triangle;
-  } visit{callback, context, static_cast<std::uint32_t>(shapes_.size())};
-  RTCPointQuery query;
-  query.x = center.x();
-  query.y = center.y();
-  query.z = center.z();
-  query.time = 0.0F;
-  query.radius = radius;
-  RTCPointQueryContext instances;
-  rtcInitPointQueryContext(&instances);
-  rtcPointQuery(
-      meshes_.get(), &query, &instances,
-      [](RTCPointQueryFunctionArguments* args) {
-        const auto& seen = *static_cast<Visit*>(args->userPtr);
-        const float left = seen.callback(seen.context, seen.first_triangle + args->primID);
-        if (!(left < args->query->radius)) return false;
-        args->query->radius = left;
-        return true;
-      },
-      &visit);
+  const auto first_triangle = static_cast<std::uint32_t>(shapes_.size());
+  query_triangles(meshes_.get(), center, radius, [=](std::uint32_t triangle, RTCPointQuery& query) {
+    const float left = callback(context, first_triangle + triangle);
+    if (!(left < query.radius)) return false;
+    query.radius = left;
+    return true;
+  });
 }
 
 }  // namespace flockstep::trace

@@ -27,11 +27,9 @@
 
 namespace flockstep::trace {
 
-// Called for every element near a point. An element is an index into World::primitives(), or primitives().size() + triangle
-// index.
-using NearbyCallback = void (*)(void* context, std::uint32_t element);
-// The same in a search for the nearest element: returns the remaining search radius (m).
-using NearerCallback = float (*)(void* context, std::uint32_t element);
+// Called for every element near a point; returns the remaining search radius (m), which shrinks in a search for the nearest one.
+// An element is an index into World::primitives(), or primitives().size() + triangle index.
+using NearCallback = float (*)(void* context, std::uint32_t element);
 
 // The shapes that the rays of one sensor may hit: those whose bounding boxes are within its range. Filled by Scene::gather.
 struct CandidateSet {
@@ -57,7 +55,7 @@ class Scene {
   // Each keeps its hits that are nearer than the block's t_hit. A ray's result has the same bits in any block and beside any
   // other rays. Call under FlushDenormals.
   void intersect_primitives(RayBlock& rays, bool embree = false) const;  // embree: use Embree if prepare_embree() was called
-  void intersect_casters(RayBlock& rays) const;                          // all primitives except the rooms
+  void intersect_casters(RayBlock& rays) const;                          // casters()
   void intersect_markers(RayBlock& rays) const;
   // Returns the number of packets traced by Embree. details: null if only distances are needed.
   std::size_t intersect_triangles(RayBlock& rays, HitDetails* details, Through through = Through::nothing) const;
@@ -78,12 +76,11 @@ class Scene {
 
   const Shape& shape(std::size_t primitive) const { return shapes_[primitive].shape; }
   std::span<const NumberedShape> markers() const { return markers_; }
+  std::span<const NumberedShape> casters() const { return traced().subspan(num_rooms_); }  // all primitives except the rooms
 
   // The broad phase of collision: calls back for each element except rooms whose bounding box is within radius (m) of center,
   // and possibly for some others. Allocates nothing; safe from many threads.
-  void for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const;
-  // The same, but the radius shrinks to the value that the callback returns.
-  void for_each_nearer(const Vec3& center, float radius, NearerCallback callback, void* context) const;
+  void for_each_near(const Vec3& center, float radius, NearCallback callback, void* context) const;
 
   // Prefetches the data that every sensor and every motion reads first. The scene itself must already be in the cache.
   void prefetch_parts() const {

@@ -138,11 +138,12 @@ void Tracer::trace_block(const Scene& scene, std::span<const NumberedShape> bodi
   if (!bodies.empty()) trace_direct(bodies, block_);
 }
 
-void Tracer::trace_shadows(const Scene& scene, std::span<const NumberedShape> bodies, std::span<const PosedMesh> meshes) {
+void Tracer::trace_shadows(const Scene& scene, bool casters, std::span<const NumberedShape> shapes,
+                           std::span<const PosedMesh> meshes) {
   forget_hits(block_);
-  scene.intersect_casters(block_);
+  if (casters) scene.intersect_casters(block_);
   meet_triangles(scene, block_, nullptr, Through::masks);
-  if (!bodies.empty()) trace_direct(bodies, block_);
+  if (!shapes.empty()) trace_direct(shapes, block_);
   for (const PosedMesh& mesh : meshes) {
     select_rays(mesh, block_, mesh_rays_);
     meet_triangles(*mesh.scene, mesh_rays_.rays, nullptr, Through::masks);

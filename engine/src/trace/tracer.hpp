@@ -42,7 +42,7 @@ struct Viewpoint {
   float range;                        // in lengths of the directions
   float longest = 1.0F;               // length of the longest direction
   bool sees_markers = false;          // markers are visible, numbered after the triangles
-  const Bodies* bodies = &kNoBodies;  // of the env; needed by set_viewpoint() only, but their arrays as long as rays are traced
+  const Bodies* bodies = &kNoBodies;  // the env's; needed by set_viewpoint() only, but their arrays as long as rays are traced
   const Bodies* drones = &kNoBodies;  // the same for the drones that the sensor sees
   AskedDetails asked{};               // details of the hits of trace()
   TracePolicy policy{};               // tiles require Scene::prepare_tiles()
@@ -100,9 +100,10 @@ class Tracer {
   RayBlock& block() { return block_; }
   // Finds the nearest hits of the block. bodies: see append_shapes().
   void trace_block(const Scene& scene, std::span<const NumberedShape> bodies = {});
-  // Tests if anything except rooms and markers lies on the rays of the block, through masks. If so, t_hit is finite. meshes: see
-  // append_meshes().
-  void trace_shadows(const Scene& scene, std::span<const NumberedShape> bodies = {}, std::span<const PosedMesh> meshes = {});
+  // Tests if these shapes, these meshes, the scene's triangles, through masks, or its casters() lie on the rays of the block. If
+  // so, t_hit is finite. casters: test the scene's casters(), too. meshes: see append_meshes().
+  void trace_shadows(const Scene& scene, bool casters = true, std::span<const NumberedShape> shapes = {},
+                     std::span<const PosedMesh> meshes = {});
 
   // Details of the last trace() or trace_block(), for hits on triangles.
   const HitDetails& details() const { return details_; }

@@ -1,9 +1,7 @@
-#include <array>
 #include <cstddef>
 #include <optional>
 #include <span>
 #include <type_traits>
-#include <vector>
 
 #include "base/hash.hpp"
 #include "world/scene_description.hpp"

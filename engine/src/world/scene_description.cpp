@@ -5,11 +5,9 @@
 #include <cstdint>
 #include <numeric>
 #include <set>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <string_view>
-#include <utility>
 
 #include "base/check_fields.hpp"
 #include "base/excerpt.hpp"
@@ -23,12 +21,6 @@
 namespace flockstep {
 namespace {
 
-std::string text(const Vec3& v) {
-  std::ostringstream out;
-  out << '(' << v.x() << ", " << v.y() << ", " << v.z() << ')';
-  return out.str();
-}
-
 std::string element(const std::string& list, std::size_t index) { return list + '[' + std::to_string(index) + ']'; }
 
 // `object` is a function that returns the object's name.
@@ -41,14 +33,15 @@ void check_values(const Name& object, const char* key, const Limits& limits, std
 
 void check_point(const std::string& field, const Vec3& point) {
   if (!is_in_world(point)) {
-    refuse(field, in_world("finite coordinates"), text(point));
+    refuse(field, in_world("finite coordinates"), coordinates(point));
   }
 }
 
 void check_box(const std::string& field, const Aabb& box) {
   check_point(field + ".min", box.min);
   check_point(field + ".max", box.max);
-  if (!(box.min.array() <= box.max.array()).all()) refuse(field, "min <= max", text(box.min) + " and " + text(box.max));
+  if (!(box.min.array() <= box.max.array()).all())
+    refuse(field, "min <= max", coordinates(box.min) + " and " + coordinates(box.max));
 }
 
 void check_material(const std::string& field, std::size_t index, std::size_t count) {
@@ -61,7 +54,8 @@ void take_corners(const std::string& field, Primitive& room) {
   const Eigen::Vector3d center = room.center.cast<double>(), half = room.half_extents.cast<double>();
   const Eigen::Vector3d low = center - half, high = center + half;
   if (!(low.cwiseAbs().cwiseMax(high.cwiseAbs()).maxCoeff() <= keys::kCorners.greatest)) {
-    refuse(field, "corners " + keys::kCorners.text() + " m", text(low.cast<float>()) + " and " + text(high.cast<float>()));
+    refuse(field, "corners " + keys::kCorners.text() + " m",
+           coordinates(low.cast<float>()) + " and " + coordinates(high.cast<float>()));
   }
   room.center = ((low + high) / 2.0).cast<float>();
   room.half_extents = ((high - low) / 2.0).cast<float>();
@@ -71,16 +65,28 @@ void check_visibility(const std::string& field, Visibility visibility) {
   if (visibility > Visibility::solid) refuse(field, "a Visibility", std::to_string(static_cast<int>(visibility)));
 }
 
+// Makes a rotation unit. Returns true if it is the identity.
+bool take_rotation(const std::string& field, Quat& q) {
+  const Eigen::Vector4d wxyz(q.w(), q.x(), q.y(), q.z());
+  if (!(std::abs(wxyz.norm() - 1.0) <= kQuaternionTolerance)) {
+    refuse(field + ".rotation", "a unit quaternion", "norm " + std::to_string(wxyz.norm()));
+  }
+  q = unit_quaternion(wxyz);
+  const bool is_identity = q.w() == 1.0F && q.vec().isZero(0.0F);
+  if (is_identity) q = Quat::Identity();  // replaces -0
+  return is_identity;
+}
+
 void check_primitive(const std::string& field, Primitive& primitive, std::size_t num_materials) {
   check_point(field + ".center", primitive.center);
   const Vec3& half = primitive.half_extents;
   check_point(field + ".half_extents", half);
   if (primitive.kind == PrimitiveKind::room) take_corners(field, primitive);
   const bool is_flat = primitive.kind == PrimitiveKind::plane || primitive.kind == PrimitiveKind::disc;
-  if (is_flat && half.z() != 0.0F) refuse(field + ".half_extents", "thickness 0", text(half));
+  if (is_flat && half.z() != 0.0F) refuse(field + ".half_extents", "thickness 0", coordinates(half));
   if (is_flat) primitive.half_extents.z() = 0.0F;  // replaces -0
   if (!(half.head(is_flat ? 2 : 3).minCoeff() >= static_cast<float>(keys::kSizes.least))) {
-    refuse(field + ".half_extents", "sizes " + at_least(keys::kSizes.least).text() + " m", text(half));
+    refuse(field + ".half_extents", "sizes " + at_least(keys::kSizes.least).text() + " m", coordinates(half));
   }
 
   check_visibility(field + ".visibility", primitive.visibility);
@@ -89,33 +95,27 @@ void check_primitive(const std::string& field, Primitive& primitive, std::size_t
   }
 
   const Quat& q = primitive.rotation;
-  const Eigen::Vector4d wxyz(q.w(), q.x(), q.y(), q.z());
-  if (!(std::abs(wxyz.norm() - 1.0) <= kQuaternionTolerance)) {
-    refuse(field + ".rotation", "a unit quaternion", "norm " + std::to_string(wxyz.norm()));
-  }
-  primitive.rotation = unit_quaternion(wxyz);
-
-  const bool is_identity = q.w() == 1.0F && q.vec().isZero(0.0F);
-  if (is_identity) primitive.rotation = Quat::Identity();  // replaces -0
+  const bool is_identity = take_rotation(field, primitive.rotation);
   switch (primitive.kind) {
     case PrimitiveKind::room:
-      if (!is_identity) refuse(field + ".rotation", "the identity for a room", text(q.vec()));
+      if (!is_identity) refuse(field + ".rotation", "the identity for a room", coordinates(q.vec()));
       break;
     case PrimitiveKind::box:
     case PrimitiveKind::plane:
       break;
     case PrimitiveKind::cylinder:
     case PrimitiveKind::disc:
-      if (half.x() != half.y()) refuse(field + ".half_extents", "(radius, radius, half height)", text(half));
+      if (half.x() != half.y()) refuse(field + ".half_extents", "(radius, radius, half height)", coordinates(half));
       break;
     case PrimitiveKind::capsule:
       if (half.x() != half.y() || half.z() < half.x()) {
-        refuse(field + ".half_extents", "(radius, radius, half height >= radius)", text(half));
+        refuse(field + ".half_extents", "(radius, radius, half height >= radius)", coordinates(half));
       }
       break;
     case PrimitiveKind::sphere:
-      if (!is_identity) refuse(field + ".rotation", "the identity for a sphere", text(q.vec()));
-      if (half.x() != half.y() || half.x() != half.z()) refuse(field + ".half_extents", "(radius, radius, radius)", text(half));
+      if (!is_identity) refuse(field + ".rotation", "the identity for a sphere", coordinates(q.vec()));
+      if (half.x() != half.y() || half.x() != half.z())
+        refuse(field + ".half_extents", "(radius, radius, radius)", coordinates(half));
       break;
     default:
       refuse(field + ".kind", "a PrimitiveKind", std::to_string(static_cast<int>(primitive.kind)));
@@ -130,13 +130,7 @@ void check_gate(const std::string& field, Gate& gate, std::size_t num_materials)
   check_values(name, "size", keys::kLengths, {&gate.size, 1});
   check_values(name, "bar", keys::kLengths, {&gate.bar, 1});
   check_visibility(field + ".visibility", gate.visibility);
-  const Quat& q = gate.rotation;
-  const Eigen::Vector4d wxyz(q.w(), q.x(), q.y(), q.z());
-  if (!(std::abs(wxyz.norm() - 1.0) <= kQuaternionTolerance)) {
-    refuse(field + ".rotation", "a unit quaternion", "norm " + std::to_string(wxyz.norm()));
-  }
-  gate.rotation = unit_quaternion(wxyz);
-  if (q.w() == 1.0F && q.vec().isZero(0.0F)) gate.rotation = Quat::Identity();  // replaces -0
+  take_rotation(field, gate.rotation);
   check_material(field + ".material", gate.material, num_materials);
   std::vector<Primitive> frame;
   append_frame(gate, frame);
@@ -145,35 +139,24 @@ void check_gate(const std::string& field, Gate& gate, std::size_t num_materials)
 
 constexpr std::size_t kBetweenPolls = 1024;  // vertices or triangles
 
-void check_uv(TriangleMesh& mesh, bool is_textured) {
-  if (!is_textured) mesh.uv.clear();
-  if (is_textured && mesh.uv.empty()) mesh.uv.assign(mesh.vertices.size(), {});
-  if (is_textured && mesh.uv.size() != mesh.vertices.size()) {
-    refuse("mesh.uv", "one per vertex (" + std::to_string(mesh.vertices.size()) + ')', std::to_string(mesh.uv.size()));
-  }
-  for (std::size_t i = 0; i < mesh.uv.size(); ++i) {
-    for (const float value : mesh.uv[i]) {
-      if (!keys::kCoordinates.contain(value)) {
-        refuse("mesh." + element("uv", i), "finite numbers " + keys::kCoordinates.text(), std::to_string(value));
-      }
+void check_number_of(const std::string& field, std::size_t got, const char* of_what, std::size_t expected) {
+  if (got != expected)
+    refuse(field, std::string("one per ") + of_what + " (" + std::to_string(expected) + ')', std::to_string(got));
+}
+
+template <class Rows>
+void check_per_vertex(const char* name, const Rows& rows, const Limits& limits, const TriangleMesh& mesh) {
+  if (rows.empty()) return;
+  check_number_of(std::string("mesh.") + name, rows.size(), "vertex", mesh.vertices.size());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    for (const float value : rows[i]) {
+      if (limits.contain(value)) continue;
+      refuse("mesh." + element(name, i), expected_number(limits, false), std::to_string(value));
     }
   }
 }
 
 constexpr std::array<float, 3> kWhite{1.0F, 1.0F, 1.0F};
-
-void check_colors(const TriangleMesh& mesh) {
-  if (!mesh.colors.empty() && mesh.colors.size() != mesh.vertices.size()) {
-    refuse("mesh.colors", "one per vertex (" + std::to_string(mesh.vertices.size()) + ')', std::to_string(mesh.colors.size()));
-  }
-  for (std::size_t i = 0; i < mesh.colors.size(); ++i) {
-    for (const float value : mesh.colors[i]) {
-      if (!keys::kShares.contain(value)) {
-        refuse("mesh." + element("colors", i), expected_number(keys::kShares, false), std::to_string(value));
-      }
-    }
-  }
-}
 
 void check_mesh(TriangleMesh& mesh, std::size_t num_materials) {
   for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
@@ -191,22 +174,17 @@ void check_mesh(TriangleMesh& mesh, std::size_t num_materials) {
     }
     const auto corner = [&](std::size_t k) { return mesh.vertices[static_cast<std::size_t>(triangle[k])]; };
     if (is_degenerate(corner(0), corner(1), corner(2))) {
-      refuse(field(), "a triangle with an area", text(corner(0)) + ' ' + text(corner(1)) + ' ' + text(corner(2)));
+      refuse(field(), "a triangle with an area",
+             coordinates(corner(0)) + ' ' + coordinates(corner(1)) + ' ' + coordinates(corner(2)));
     }
   }
   if (mesh.materials.empty()) mesh.materials.assign(mesh.triangles.size(), 0);
-  if (mesh.materials.size() != mesh.triangles.size()) {
-    refuse("mesh.materials", "one per triangle (" + std::to_string(mesh.triangles.size()) + ')',
-           std::to_string(mesh.materials.size()));
-  }
+  check_number_of("mesh.materials", mesh.materials.size(), "triangle", mesh.triangles.size());
   for (std::size_t i = 0; i < mesh.materials.size(); ++i) {
     check_material("mesh." + element("materials", i), mesh.materials[i], num_materials);
   }
   if (mesh.objects.empty()) mesh.objects.assign(mesh.triangles.size(), 0);
-  if (mesh.objects.size() != mesh.triangles.size()) {
-    refuse("mesh.objects", "one per triangle (" + std::to_string(mesh.triangles.size()) + ')',
-           std::to_string(mesh.objects.size()));
-  }
+  check_number_of("mesh.objects", mesh.objects.size(), "triangle", mesh.triangles.size());
 }
 
 // Returns the triangles in the order of a scene file: object by object, each with its own vertices in their original order.
@@ -413,9 +391,12 @@ SceneDescription canonical(SceneDescription description) {
   if (primitives.size() > 1 && primitives[1].kind == PrimitiveKind::room) refuse("primitives", "at most one room", "several");
   check_mesh(description.mesh, description.materials.size());
   const auto& materials = description.materials;
-  check_uv(description.mesh,
-           std::any_of(materials.begin(), materials.end(), [](const Material& m) { return m.texture.has_value(); }));
-  check_colors(description.mesh);
+  TriangleMesh& mesh = description.mesh;
+  const bool is_textured = std::ranges::any_of(materials, [](const Material& m) { return m.texture.has_value(); });
+  if (!is_textured) mesh.uv.clear();
+  if (is_textured && mesh.uv.empty()) mesh.uv.assign(mesh.vertices.size(), {});
+  check_per_vertex("uv", mesh.uv, keys::kCoordinates, mesh);
+  check_per_vertex("colors", mesh.colors, keys::kShares, mesh);
   description.mesh = ordered_by_object(description.mesh);
   auto& gates = description.gates;
   if (gates.size() > kMaxGates) {

@@ -17,7 +17,7 @@ OrderedJson keys_of();
 // Names what a single value is.
 template <class Value>
 constexpr const char* kind_of() {
-  if constexpr (std::is_same_v<Value, keys::Anything>) return "anything";
+  if constexpr (std::is_same_v<Value, keys::Unread>) return "anything";
   if constexpr (std::is_same_v<Value, keys::Version>) return "version";
   if constexpr (std::is_same_v<Value, keys::Text> || std::is_same_v<Value, std::string>) return "text";
   if constexpr (std::is_same_v<Value, keys::TextOrTexts>) return "text_or_texts";
@@ -26,7 +26,7 @@ constexpr const char* kind_of() {
   if constexpr (std::is_floating_point_v<Value>) return "number";
   if constexpr (std::is_integral_v<Value>) return "integer";
   if constexpr (std::is_enum_v<Value>) return "choice";
-  if constexpr (std::is_same_v<Value, BodyConfig>) return "config";  // docs/configs.md lists the fields
+  if constexpr (std::is_same_v<Value, BodyConfig>) return "config";  // docs/reference/configs.md lists the fields
   return "object";
 }
 

@@ -1,6 +1,6 @@
 // The keys of scene files, as structs with fields(). This is the only place for each key's type, limits, unit, default and
 // meaning: the reader (formats/scene_values.hpp) and the checks of a SceneDescription use these structs, and
-// bindings/scene_keys.py generates scenes/schema.json and the tables of docs/scene-format.md from them.
+// bindings/scene_keys.py generates scenes/schema.json and the tables of docs/reference/scene-format.md from them.
 #pragma once
 
 #include <array>
@@ -55,18 +55,22 @@ struct List {};  // an array of at most kMost values (0: any number), or an obje
 template <class Value, std::size_t kMost>
 using ByName = List<Value, kMost, true>;
 struct Version {};
-struct Anything {};  // not read
-struct Text {        // with its place, for messages
+struct Unread {};  // not read
+struct Text {      // with its place, for messages
   std::optional<json::JsonField> field;
 };
 struct TextOrTexts : Text {};  // one text, or an array of them
 template <std::size_t kSize>
 using Numbers = std::array<double, kSize>;  // rounded to float32 once, after all arithmetic
-using Index = std::int32_t;                 // an integer >= 0
+struct Index {                              // an integer >= 0
+  std::int32_t value = -1;                  // -1: it is none
+};
 
 constexpr FieldInfo metres(const char* about, const Limits& limits) { return {.about = about, .unit = "m", .limits = limits}; }
 
-struct Texture {
+struct Object {};  // base of what a scene file describes by keys
+
+struct Texture : Object {
   Alternative<1, Text> file;
   Alternative<2, Text> png_base64;
   std::array<TextureWrap, 2> wrap = flockstep::Texture().wrap;
@@ -81,7 +85,7 @@ struct Texture {
   }
 };
 
-struct Material {
+struct Material : Object {
   Required<std::array<float, 3>> base_color;
   std::optional<std::uint16_t> semantic;
   Text texture;
@@ -109,7 +113,7 @@ struct Material {
 };
 
 // Members of several objects. An object lists those that it has, and its own.
-struct Solid {
+struct Solid : Object {
   Required<Numbers<3>> center;
   Required<double> radius;
   Required<double> height;
@@ -236,7 +240,7 @@ struct Mesh : Solid {
   }
 };
 
-struct SpawnBox {
+struct SpawnBox : Object {
   Required<Numbers<3>> min, max;
 
   static constexpr auto fields() {
@@ -246,7 +250,7 @@ struct SpawnBox {
   }
 };
 
-struct Markers {
+struct Markers : Object {
   float radius = flockstep::Markers().radius;
   std::optional<Numbers<3>> start;
   std::vector<Numbers<3>> waypoints;
@@ -267,7 +271,7 @@ inline constexpr const char* kVersionName = "flockstep_scene";
 
 struct Scene {
   Required<Version> version;
-  Anything schema;
+  Unread schema;
   std::string name = SceneDescription().name;
   ByName<Texture, kMaxTextures> textures;
   ByName<Material, kMaxMaterials> materials;

@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "flockstep/world.hpp"
+#include "flockstep/world_builder.hpp"
 
 namespace flockstep {
 
@@ -14,6 +14,9 @@ namespace flockstep {
 // Throws std::invalid_argument unless chord_error_m is at least 1e-6.
 TriangleMesh tessellate(const SceneDescription& description, float chord_error_m,
                         std::vector<std::int32_t>* all_objects = nullptr);
+
+// Returns two triangles for each cell of a valid heightfield.
+MeshPart grid_of(const Heightfield& field);
 
 // Appends the bars of a gate's frame. The whole opening stays free: a square of side Gate::size, or a circle of that diameter.
 void append_frame(const Gate& gate, std::vector<Primitive>& bars);

@@ -5,6 +5,7 @@
 #include "base/require.hpp"
 #include "base/srgb.hpp"
 #include "world/scene_description.hpp"
+#include "world/tessellate.hpp"
 
 namespace flockstep {
 namespace {
@@ -116,14 +117,8 @@ void WorldBuilder::mesh(const MeshPart& part, std::uint16_t material, Visibility
   ++objects_;
 }
 
-void WorldBuilder::heightfield(const Heightfield& field, std::uint16_t material, Visibility visibility) {
-  const auto [corner, cell, columns, rows, heights, texture_m] = field;
-  require(columns >= 2 && columns <= 32768, "heightfield: columns", "an integer in [2, 32768]", columns);
-  require(rows >= 2 && rows <= 32768, "heightfield: rows", "an integer in [2, 32768]", rows);
-  require(heights.size() == static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows), "heightfield: heights",
-          std::to_string(rows) + " x " + std::to_string(columns) + " of them", heights.size());
-  require(cell > 0.0F, "heightfield: cell_m", "a number > 0", cell);
-  require(texture_m > 0.0F, "heightfield: texture_m", "a number > 0", texture_m);
+MeshPart grid_of(const Heightfield& field) {
+  const auto& [corner, cell, columns, rows, heights, texture_m] = field;
   MeshPart part;
   for (int row = 0; row < rows; ++row) {
     for (int column = 0; column < columns; ++column) {
@@ -138,7 +133,18 @@ void WorldBuilder::heightfield(const Heightfield& field, std::uint16_t material,
       part.triangles.push_back({left - columns, here, left});
     }
   }
-  mesh(part, material, visibility);
+  return part;
+}
+
+void WorldBuilder::heightfield(const Heightfield& field, std::uint16_t material, Visibility visibility) {
+  const auto& [corner, cell, columns, rows, heights, texture_m] = field;
+  require(columns >= 2 && columns <= 32768, "heightfield: columns", "an integer in [2, 32768]", columns);
+  require(rows >= 2 && rows <= 32768, "heightfield: rows", "an integer in [2, 32768]", rows);
+  require(heights.size() == static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows), "heightfield: heights",
+          std::to_string(rows) + " x " + std::to_string(columns) + " of them", heights.size());
+  require(cell > 0.0F, "heightfield: cell_m", "a number > 0", cell);
+  require(texture_m > 0.0F, "heightfield: texture_m", "a number > 0", texture_m);
+  mesh(grid_of(field), material, visibility);
 }
 
 std::shared_ptr<const World> WorldBuilder::build() const {

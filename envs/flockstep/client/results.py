@@ -293,7 +293,7 @@ class ServerInfo:
     generation
         Number of times that the arrays of the batch changed their shapes.
     lidars, cameras, imus
-        Names of the sensors.
+        Names of the sensors of a kind.
     imu_configs
         `ImuConfig` of each IMU by its name.
     flies_by_rotors
@@ -309,6 +309,8 @@ class ServerInfo:
         outputs) or ``"body"`` (a row for each env, with B bodies).
     bodies_per_env
         Number of slots for bodies in each env, B.
+    sensors
+        Names of all sensors.
     """
 
     version: str
@@ -326,6 +328,7 @@ class ServerInfo:
     imu_configs: Mapping[str, ImuConfig]
     array_rows: Mapping[str, str]
     bodies_per_env: int
+    sensors: tuple[str, ...]
 
     if not TYPE_CHECKING:
 

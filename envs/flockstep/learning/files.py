@@ -8,15 +8,26 @@ import json
 import math
 import os
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from flockstep._core import Learner, NetworkConfig
+from flockstep.learning.networks import FEATURES, count_parameters, require_fits
+from flockstep.learning.sb3_models import HYPERPARAMETERS, SCHEDULES
+
+if TYPE_CHECKING:
+    from flockstep.learning.ppo import PPO
+
+_Model = TypeVar("_Model", bound="PPO")
+
+#: Hyperparameters that files have, apart from the schedules.
+NUMBERS = ("stats_window_size", "seed", *(name for name in HYPERPARAMETERS if name not in SCHEDULES))
 FORMAT = "flockstep model 1"
 _TEXT = "model.json"
 _TYPES = {"parameters": "<f4", "adam_first": "<f4", "adam_second": "<f4"}  # others are <f8
@@ -24,8 +35,9 @@ _MOST_NUMBERS = 1 << 16  # of an observation or an action
 _DTYPES = [np.dtype(code).name for code in "?bBhHiIlLefdg"]
 
 
-def save(path: str | PathLike[str], state: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+def save(path: str | PathLike[str], model: PPO) -> None:
     """Write a model. An earlier file of the name stays whole until the new one is complete."""
+    state, arrays = _state(model), _arrays(model.learner)
     target = _with_suffix(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     members = {name: np.ascontiguousarray(array, _type_of(name)).tobytes() for name, array in arrays.items()}
@@ -44,8 +56,8 @@ def save(path: str | PathLike[str], state: Mapping[str, Any], arrays: Mapping[st
         written.unlink(missing_ok=True)
 
 
-def load(path: str | PathLike[str], names: Iterable[str]) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-    """Read a model with arrays of some names.
+def load(path: str | PathLike[str], cls: type[_Model], threads: int, seeds: Mapping[str, int]) -> _Model:
+    """Read a model; ``seeds`` replace the state of its random numbers.
 
     Raises
     ------
@@ -65,20 +77,97 @@ def load(path: str | PathLike[str], names: Iterable[str]) -> tuple[dict[str, Any
             f"flockstep.PPO.from_sb3(stable_baselines3.PPO.load({fspath(source)!r})), which runs code from the file"
         )
     try:
-        return _read(content, names)
+        state, arrays = _read(content)
     except Exception as error:  # a damaged archive makes zipfile raise errors of many kinds
         raise ValueError(
             f"{source}: expected a model that PPO.save wrote, got another or a damaged file ({error})"
         ) from error
+    try:
+        return _model(cls, {**state, **seeds}, arrays, threads)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, AssertionError, RecursionError) as error:
+        raise ValueError(f"{path}: expected a model that PPO.save wrote, got other values ({error})") from error
 
 
-def _read(content: bytes, names: Iterable[str]) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+def _state(model: PPO) -> dict[str, Any]:
+    config, learner = model.learner.config, model.learner
+    schedules = {name: getattr(model, name) for name in SCHEDULES}
+    functions = [name for name, value in schedules.items() if callable(value)]
+    return {
+        "network": {name: getattr(config, name) for name in config.__match_args__},
+        "observation_space": plain_space(model.observation_space),
+        "action_space": plain_space(model.action_space),
+        "hyperparameters": {name: getattr(model, name) for name in NUMBERS},
+        "schedules": schedules | dict.fromkeys(functions),
+        "callable_schedules": [name for name in SCHEDULES if name in (*functions, *model._missing)],
+        "num_timesteps": model.num_timesteps,
+        "n_updates": model._n_updates,
+        "adam_steps": learner.adam[2],
+        "learner_seed": learner.seed,
+        "draws": learner.draws,
+        "observation_count": learner.observation_moments[2],
+        "return_count": learner.return_moments[2],
+    }
+
+
+def _arrays(learner: Learner) -> dict[str, npt.NDArray[Any]]:
+    first, second, _ = learner.adam
+    return {
+        "parameters": learner.parameters,
+        "adam_first": first,
+        "adam_second": second,
+        "observation_mean": learner.observation_moments[0],
+        "observation_variance": learner.observation_moments[1],
+        "return_mean": learner.return_moments[0],
+        "return_variance": learner.return_moments[1],
+        "discounted_returns": learner.discounted_returns,
+    }
+
+
+def _model(cls: type[_Model], state: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]], threads: int) -> _Model:
+    """Return the model that `_state` and `_arrays` described."""
+    functions = tuple(name for name in SCHEDULES if name in state["callable_schedules"])
+    numbers = {name: state["hyperparameters"][name] for name in NUMBERS}
+    model = cls._blank(numbers | {name: state["schedules"][name] for name in SCHEDULES if name not in functions})
+    model._missing = functions
+    model._check()
+    model.observation_space = space_from(state["observation_space"])
+    model.action_space = space_from(state["action_space"])
+    config = NetworkConfig(**state["network"])
+    require_fits(config, model.observation_space, model.action_space)
+    expected = count_parameters(config)
+    if arrays["parameters"].size != expected:
+        raise ValueError(f"parameters: expected {expected} numbers, got {arrays['parameters'].size}")
+    features = {name: extractor for extractor, name in FEATURES.items() if extractor.endswith("Features")}
+    model.policy_kwargs = {
+        "net_arch": {"pi": config.actor_layers, "vf": config.critic_layers},
+        "activation_fn": config.activation,
+        **({"features_extractor_class": features[config.features]} if config.features in features else {}),
+    }
+    model.learner = learner = Learner(config, threads, state["learner_seed"])
+    learner.parameters = arrays["parameters"]
+    learner.set_adam(arrays["adam_first"], arrays["adam_second"], state["adam_steps"])
+    learner.set_moments(
+        (arrays["observation_mean"], arrays["observation_variance"], state["observation_count"]),
+        (arrays["return_mean"], arrays["return_variance"], state["return_count"]),
+    )
+    model._set_normalization(arrays["discounted_returns"].size)
+    learner.discounted_returns = arrays["discounted_returns"]
+    learner.draws = state["draws"]
+    model._begin_counts()
+    for name in ("num_timesteps", "n_updates"):
+        if _integer(state[name]) < 0:
+            raise ValueError(f"{name}: expected an integer >= 0, got {state[name]!r}")
+    model.num_timesteps, model._n_updates = state["num_timesteps"], state["n_updates"]
+    return model
+
+
+def _read(content: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         state = json.loads(_member(archive, _TEXT).decode())
         if not isinstance(state, dict) or state.get("format") != FORMAT:
             raise ValueError(f"expected the format {FORMAT!r}")
         arrays = {}
-        for name in names:
+        for name in state["sha256"]:
             member = _member(archive, name)
             if hashlib.sha256(member).hexdigest() != state["sha256"][name]:
                 raise ValueError(f"{name}: the checksum differs")

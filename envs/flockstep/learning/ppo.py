@@ -7,43 +7,30 @@ import secrets
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from os import PathLike
-from typing import Any, NoReturn, TypeAlias, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from flockstep._core import Learner, NetworkConfig, RolloutConfig, UpdateConfig, _unexpected_keyword
+from flockstep._core import Learner, RolloutConfig, UpdateConfig, _unexpected_keyword
 from flockstep.errors import did_you_mean
-from flockstep.learning import files, sb3_models
+from flockstep.keywords import add_parameters
+from flockstep.learning import files, loop, sb3_models
+from flockstep.learning.arguments import Arguments
 from flockstep.learning.callbacks import Callbacks
 from flockstep.learning.logs import Log
-from flockstep.learning.networks import FEATURES, count_parameters, network_config, require_fits
-from flockstep.learning.sources import Episode, SingleEnvSource, Source, flat_rows, source_of
+from flockstep.learning.networks import network_config
+from flockstep.learning.sources import SingleEnvSource, Source, flat_rows, source_of
 
-#: A number, or a function of the remaining share of the training, which falls from 1 to 0.
-Schedule: TypeAlias = float | Callable[[float], float]
 Array = npt.NDArray[Any]
 _Self = TypeVar("_Self", bound="PPO")
-
-_SCHEDULES = sb3_models.SCHEDULES
-_ARRAYS = (
-    "parameters",
-    "adam_first",
-    "adam_second",
-    "observation_mean",
-    "observation_variance",
-    "return_mean",
-    "return_variance",
-    "discounted_returns",
-)
-_NUMBERS = (*sb3_models.SHARED, "stats_window_size", "seed", "normalize_observations", "normalize_rewards")
+_Config = TypeVar("_Config", RolloutConfig, UpdateConfig)
 
 
-class PPO:
+class PPO(Arguments):
     """Proximal policy optimisation in C++, for networks of fully connected layers.
 
     A script that trains with Stable-Baselines3's PPO trains with this class if its import changes. Steps of the
@@ -61,26 +48,8 @@ class PPO:
         ``"MlpPolicy"``, or ``"MultiInputPolicy"`` for a dict, whose parts are flattened in the order of its space.
     env
         A `DroneVectorEnv`, a Gymnasium vector env, env or id, or a ``VecEnv``.
-    learning_rate, clip_range, clip_range_vf
-        A number, or a function of the remaining share of the training, which falls from 1 to 0.
-    n_steps
-        Steps of each row between two updates.
-    batch_size
-        Steps in a minibatch. More than a rollout has (``n_steps`` of each row) give a warning.
-    n_epochs
-        Passes over the steps of an update.
-    gamma, gae_lambda
-        Discount factor, and the weight of long against short estimates of the advantage.
-    normalize_advantage
-        Shift and scale the advantages of each minibatch to mean 0 and standard deviation 1.
-    ent_coef, vf_coef
-        Weights of entropy and value in the loss.
-    max_grad_norm
-        Largest norm of the gradient.
     use_sde, sde_sample_freq, rollout_buffer_class, rollout_buffer_kwargs
         Arguments of Stable-Baselines3; only their defaults are accepted.
-    target_kl
-        End an update at a minibatch whose approximate KL divergence exceeds 1.5 times this. None: never.
     stats_window_size
         Number of the latest episodes whose means are logged.
     tensorboard_log
@@ -100,10 +69,6 @@ class PPO:
         ``"cpu"`` or ``"auto"``.
     num_threads
         Threads of the learner. 0: those of the batch, or one per physical core.
-    normalize_observations, normalize_rewards
-        As ``VecNormalize``: shift and scale observations by running means and variances; scale rewards by the running
-        standard deviation of the discounted return. Rows that do not fly in a step do not count. An observation counts
-        when the policy acts on it, one step later than in ``VecNormalize``.
 
     Raises
     ------
@@ -114,27 +79,14 @@ class PPO:
     _missing: tuple[str, ...] = ()
     """Schedules that were functions when the model was saved, and were not given to load; they have their defaults."""
 
-    def __init__(
+    def _set_up(
         self,
         policy: str,
         env: Any,
-        learning_rate: Schedule = 3e-4,
-        n_steps: int = 2048,
-        batch_size: int = 64,
-        n_epochs: int = 10,
-        gamma: float = 0.99,
-        gae_lambda: float = 0.95,
-        clip_range: Schedule = 0.2,
-        clip_range_vf: Schedule | None = None,
-        normalize_advantage: bool = True,
-        ent_coef: float = 0.0,
-        vf_coef: float = 0.5,
-        max_grad_norm: float = 0.5,
         use_sde: bool = False,
         sde_sample_freq: int = -1,
         rollout_buffer_class: Any = None,
         rollout_buffer_kwargs: Mapping[str, Any] | None = None,
-        target_kl: float | None = None,
         stats_window_size: int = 100,
         tensorboard_log: str | PathLike[str] | None = None,
         policy_kwargs: Mapping[str, Any] | None = None,
@@ -144,12 +96,12 @@ class PPO:
         _init_setup_model: bool = True,
         *,
         num_threads: int = 0,
-        normalize_observations: bool = False,
-        normalize_rewards: bool = False,
-        **unknown: NoReturn,
+        **hyperparameters: Any,
     ) -> None:
-        for name in unknown:
-            raise TypeError(_unexpected_keyword("PPO.__init__", name, [*inspect.signature(PPO).parameters]))
+        for name, value in hyperparameters.items():
+            if name not in sb3_models.HYPERPARAMETERS:
+                raise TypeError(_unexpected_keyword("PPO.__init__", name, [*inspect.signature(PPO).parameters]))
+            setattr(self, name, value)
         del sde_sample_freq  # of use_sde
         if use_sde:
             raise ValueError(
@@ -169,15 +121,10 @@ class PPO:
         self.source: Source | None = source_of(env)
         self.env = self.source.single if isinstance(self.source, SingleEnvSource) else env
         self.observation_space, self.action_space = self.source.observation_space, self.source.action_space
-        self.learning_rate, self.clip_range, self.clip_range_vf = learning_rate, clip_range, clip_range_vf
-        self.n_steps, self.batch_size, self.n_epochs = n_steps, batch_size, n_epochs
-        self.gamma, self.gae_lambda, self.normalize_advantage = gamma, gae_lambda, normalize_advantage
-        self.ent_coef, self.vf_coef, self.max_grad_norm, self.target_kl = ent_coef, vf_coef, max_grad_norm, target_kl
         self.stats_window_size, self.tensorboard_log, self.verbose = stats_window_size, tensorboard_log, verbose
-        self.normalize_observations, self.normalize_rewards = normalize_observations, normalize_rewards
         self.seed = seed
         self._make_learner(policy, policy_kwargs, num_threads)
-        self._warn_of_batch_size()
+        self._warn_of_batch_size(stacklevel=4)
         self._seed_env()
 
     def _make_learner(self, policy: str, policy_kwargs: Mapping[str, Any] | None, num_threads: int) -> None:
@@ -193,14 +140,14 @@ class PPO:
         self._set_normalization(self.n_envs)
         self._begin_counts()
 
-    def _warn_of_batch_size(self) -> None:
+    def _warn_of_batch_size(self, stacklevel: int = 3) -> None:
         steps = self.n_steps * self.n_envs
         if self.batch_size > steps:
             warnings.warn(
                 f"batch_size: expected at most the {steps} steps of a rollout ({self.n_steps} n_steps x {self.n_envs} "
                 f"envs), got {self.batch_size}: each epoch is a single minibatch of {steps}",
                 UserWarning,
-                stacklevel=3,
+                stacklevel=stacklevel,
             )
 
     def _seed_env(self) -> None:
@@ -214,20 +161,12 @@ class PPO:
         self.learner.begin(RolloutConfig(n_steps=1, normalize_observations=self.normalize_observations), rows)
 
     @classmethod
-    def _without_env(
-        cls: type[_Self],
-        policy: str,
-        observation_space: spaces.Space[Any],
-        action_space: spaces.Space[Any],
-        policy_kwargs: Mapping[str, Any],
-        hyperparameters: Mapping[str, Any],
-    ) -> _Self:
+    def _blank(cls: type[_Self], hyperparameters: Mapping[str, Any]) -> _Self:
+        """Return a model without an environment and networks; other hyperparameters have their defaults."""
         model = cls.__new__(cls)
         for name, value in {**_DEFAULTS, **hyperparameters}.items():
             setattr(model, name, value)
         model.source, model.env = None, None
-        model.observation_space, model.action_space = observation_space, action_space
-        model._make_learner(policy, policy_kwargs, 0)
         return model
 
     def _begin_counts(self) -> None:
@@ -360,19 +299,19 @@ class PPO:
                 self.learner.discounted_returns = np.zeros(self.source.rows)
         self._start = "reset"  # if this training ends early
         callbacks = Callbacks(callback, self)
-        bar = _progress_bar(int(total_timesteps)) if progress_bar else None
+        bar = loop.progress_bar(int(total_timesteps)) if progress_bar else None
         begun, begun_at = time.perf_counter(), self.num_timesteps
         callbacks.start({**locals(), "total_timesteps": self._total_timesteps}, globals())
         iteration = 0
         try:
             while self.num_timesteps < self._total_timesteps:
-                if not self._collect(callbacks, bar):
+                if not loop.collect(self, callbacks, bar):
                     break
                 iteration += 1
                 self._current_progress_remaining = max(0.0, 1.0 - self.num_timesteps / self._total_timesteps)
                 if log_interval is not None and iteration % log_interval == 0:
-                    self._log_progress(iteration, time.perf_counter() - begun, self.num_timesteps - begun_at)
-                self._train()
+                    loop.log_progress(self, iteration, time.perf_counter() - begun, self.num_timesteps - begun_at)
+                loop.train(self)
         finally:
             if bar is not None:
                 bar.close()
@@ -380,82 +319,17 @@ class PPO:
         callbacks.end()
         return self
 
-    def _collect(self, callbacks: Callbacks, bar: Any) -> bool:
-        """Collect a rollout; return False if a callback stops the training."""
-        assert self.source is not None
-        source, learner = self.source, self.learner
-        learner.begin(self._rollout_config(), source.rows)
-        callbacks.start_rollout()
-        for t in range(self.n_steps):
-            with _naming_step(self.num_timesteps + source.rows):
-                stepped = source.step(learner, t, callbacks.need_infos)
-            self.num_timesteps += source.rows
-            for episode in stepped.episodes:
-                self._count(episode)
-            if bar is not None:
-                bar.update(source.rows)
-            if not callbacks.step(stepped):
-                return False
-        with _naming_step(self.num_timesteps):
-            learner.finish(source.observation(learner))
-        callbacks.end_rollout()
-        return True
-
-    def _count(self, episode: Episode) -> None:
-        self.ep_info_buffer.append({"r": episode.total, "l": episode.length})
-        if episode.success is not None:
-            self.ep_success_buffer.append(episode.success)
-
-    def _train(self) -> None:
-        """Learn from the rollout."""
-        config = self._update_config(self._current_progress_remaining)
-        report = self.learner.update(config)
-        if not report.is_finite:
-            raise FloatingPointError(
-                f"step {self.num_timesteps}: the loss of an update is not finite ({report.loss}): rewards, "
-                "observations or learning_rate are too large; the parameters are those before that minibatch"
-            )
-        self._n_updates += report.epochs
-        record = self.logger.record
-        record("train/learning_rate", config.learning_rate)
-        record("train/entropy_loss", report.entropy_loss)
-        record("train/policy_gradient_loss", report.policy_gradient_loss)
-        record("train/value_loss", report.value_loss)
-        record("train/approx_kl", report.approx_kl)
-        record("train/clip_fraction", report.clip_fraction)
-        record("train/loss", report.loss)
-        record("train/explained_variance", report.explained_variance)
-        if not self.learner.config.is_discrete:
-            record("train/std", report.std)
-        record("train/n_updates", self._n_updates, exclude="tensorboard")
-        record("train/clip_range", config.clip_range)
-        if config.clip_range_vf is not None:
-            record("train/clip_range_vf", config.clip_range_vf)
-
-    def _log_progress(self, iteration: int, seconds: float, steps: int) -> None:
-        record = self.logger.record
-        record("time/iterations", iteration, exclude="tensorboard")
-        if self.ep_info_buffer:
-            record("rollout/ep_rew_mean", float(np.mean([end["r"] for end in self.ep_info_buffer])))
-            record("rollout/ep_len_mean", float(np.mean([end["l"] for end in self.ep_info_buffer])))
-        record("time/fps", int(steps / max(seconds, 1e-9)))
-        record("time/time_elapsed", int(seconds), exclude="tensorboard")
-        record("time/total_timesteps", self.num_timesteps, exclude="tensorboard")
-        if self.ep_success_buffer:
-            record("rollout/success_rate", float(np.mean(self.ep_success_buffer)))
-        self.logger.dump(step=self.num_timesteps)
-
-    def _rollout_config(self) -> RolloutConfig:
-        return RolloutConfig(**{name: getattr(self, name) for name in RolloutConfig.__match_args__})
-
-    def _update_config(self, progress_remaining: float) -> UpdateConfig:
-        names = UpdateConfig.__match_args__
-        return UpdateConfig(**{name: _value(getattr(self, name), progress_remaining) for name in names})
+    def _config(self, kind: type[_Config], remaining: float | None = None) -> _Config:
+        """Return the hyperparameters of a configuration; ``remaining`` sets the values of functions."""
+        values: dict[str, Any] = {name: getattr(self, name) for name in kind.__match_args__}
+        for name in values if remaining is not None else ():
+            values[name] = float(values[name](remaining)) if callable(values[name]) else values[name]
+        return kind(**values)
 
     def _check(self) -> None:
         """Raise ValueError or TypeError that names a hyperparameter with an invalid value."""
-        self._rollout_config()
-        self._update_config(1.0)
+        self._config(RolloutConfig)
+        self._config(UpdateConfig, 1.0)
         if self.clip_range_vf is not None and not callable(self.clip_range_vf) and self.clip_range_vf <= 0:
             raise ValueError(f"clip_range_vf: expected a number > 0, or None, got {self.clip_range_vf!r}")
         _require_seed(self.seed)
@@ -509,7 +383,7 @@ class PPO:
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the model to a file: JSON and arrays in a zip archive. It is replaced as a whole."""
-        files.save(path, self._state(), self._arrays())
+        files.save(path, self)
 
     @classmethod
     def load(
@@ -548,7 +422,7 @@ class PPO:
                 "load: expected no custom_objects and no print_system_info: give hyperparameters as keywords, such as "
                 "learning_rate=1e-3"
             )
-        known = [*_NUMBERS, *_SCHEDULES, "tensorboard_log", "verbose", "num_threads"]
+        known = [*files.NUMBERS, *sb3_models.SCHEDULES, "tensorboard_log", "verbose", "num_threads"]
         for name in changes:
             if name not in known:
                 raise TypeError(
@@ -556,23 +430,12 @@ class PPO:
                 )
         num_threads = int(changes.pop("num_threads", 0))
         source = None if env is None else source_of(env)
-        state, arrays = files.load(path, _ARRAYS)
+        seeds = {}
         if "seed" in changes:  # also of actions and minibatches
             _require_seed(changes["seed"])
-            state |= {"learner_seed": _drawn_seed(changes["seed"]), "draws": 0}
-        try:
-            model = cls._from_state(state, arrays, num_threads or _threads_of(source))
-            model._missing = tuple(name for name in _schedules_of(state) if name not in changes)
-        except (
-            KeyError,
-            TypeError,
-            ValueError,
-            AttributeError,
-            OverflowError,
-            AssertionError,
-            RecursionError,
-        ) as error:
-            raise ValueError(f"{path}: expected a model that PPO.save wrote, got other values ({error})") from error
+            seeds = {"learner_seed": _drawn_seed(changes["seed"]), "draws": 0}
+        model = files.load(path, cls, num_threads or _threads_of(source), seeds)
+        model._missing = tuple(name for name in model._missing if name not in changes)
         if env is not None:
             model._require_schedules()
         for name, value in changes.items():
@@ -606,84 +469,6 @@ class PPO:
         made: _Self = sb3_models.from_sb3(cls, model, env)
         return made
 
-    def _state(self) -> dict[str, Any]:
-        config = self.learner.config
-        return {
-            "network": {name: getattr(config, name) for name in config.__match_args__},
-            "observation_space": files.plain_space(self.observation_space),
-            "action_space": files.plain_space(self.action_space),
-            "hyperparameters": {name: getattr(self, name) for name in _NUMBERS},
-            "schedules": {name: None if callable(getattr(self, name)) else getattr(self, name) for name in _SCHEDULES},
-            "callable_schedules": [n for n in _SCHEDULES if callable(getattr(self, n)) or n in self._missing],
-            "num_timesteps": self.num_timesteps,
-            "n_updates": self._n_updates,
-            "adam_steps": self.learner.adam[2],
-            "learner_seed": self.learner.seed,
-            "draws": self.learner.draws,
-            "observation_count": self.learner.observation_moments[2],
-            "return_count": self.learner.return_moments[2],
-        }
-
-    def _arrays(self) -> dict[str, Array]:
-        learner = self.learner
-        first, second, _ = learner.adam
-        return {
-            "parameters": learner.parameters,
-            "adam_first": first,
-            "adam_second": second,
-            "observation_mean": learner.observation_moments[0],
-            "observation_variance": learner.observation_moments[1],
-            "return_mean": learner.return_moments[0],
-            "return_variance": learner.return_moments[1],
-            "discounted_returns": learner.discounted_returns,
-        }
-
-    @classmethod
-    def _from_state(cls: type[_Self], state: Mapping[str, Any], arrays: Mapping[str, Array], num_threads: int) -> _Self:
-        model = cls.__new__(cls)
-        functions = _schedules_of(state)
-        values = {name: state["hyperparameters"][name] for name in _NUMBERS}
-        values |= {name: _DEFAULTS[name] if name in functions else state["schedules"][name] for name in _SCHEDULES}
-        for name, value in {**_DEFAULTS, **values}.items():
-            setattr(model, name, value)
-        model._check()
-        model.observation_space = files.space_from(state["observation_space"])
-        model.action_space = files.space_from(state["action_space"])
-        model.source, model.env = None, None
-        config = NetworkConfig(**state["network"])
-        require_fits(config, model.observation_space, model.action_space)
-        expected = count_parameters(config)
-        if arrays["parameters"].size != expected:
-            raise ValueError(f"parameters: expected {expected} numbers, got {arrays['parameters'].size}")
-        features = {name: extractor for extractor, name in FEATURES.items() if extractor.endswith("Features")}
-        model.policy_kwargs = {
-            "net_arch": {"pi": config.actor_layers, "vf": config.critic_layers},
-            "activation_fn": config.activation,
-            **({"features_extractor_class": features[config.features]} if config.features in features else {}),
-        }
-        model.learner = learner = Learner(config, num_threads, state["learner_seed"])
-        learner.parameters = arrays["parameters"]
-        learner.set_adam(arrays["adam_first"], arrays["adam_second"], state["adam_steps"])
-        learner.set_moments(
-            (arrays["observation_mean"], arrays["observation_variance"], state["observation_count"]),
-            (arrays["return_mean"], arrays["return_variance"], state["return_count"]),
-        )
-        model._set_normalization(arrays["discounted_returns"].size)
-        learner.discounted_returns = arrays["discounted_returns"]
-        learner.draws = state["draws"]
-        model._begin_counts()
-        model.num_timesteps, model._n_updates = (_count(state[name]) for name in ("num_timesteps", "n_updates"))
-        return model
-
-
-@contextmanager
-def _naming_step(step: int) -> Iterator[None]:
-    """Name the step in errors about numbers that are not finite."""
-    try:
-        yield
-    except FloatingPointError as error:
-        raise FloatingPointError(f"step {step}: {error}; the parameters are those of the last update") from error
-
 
 def _require_seed(seed: Any) -> None:
     if seed is not None and not (isinstance(seed, (int, np.integer)) and 0 <= seed < 1 << 63):
@@ -693,17 +478,6 @@ def _require_seed(seed: Any) -> None:
 def _drawn_seed(seed: int | None) -> int:
     """Return the seed of the learner."""
     return secrets.randbits(62) if seed is None else int(seed)
-
-
-def _count(value: Any) -> int:
-    if not isinstance(value, int) or value < 0:
-        raise ValueError(f"expected an integer >= 0, got {value!r}")
-    return value
-
-
-def _schedules_of(state: Mapping[str, Any]) -> list[str]:
-    """Return the names of the schedules that were functions when a model was saved."""
-    return [name for name in _SCHEDULES if name in state["callable_schedules"]]
 
 
 def _require_cpu(device: Any) -> None:
@@ -717,20 +491,10 @@ def _threads_of(source: Source | None) -> int:
     return int(getattr(batch, "num_threads", 0))
 
 
-def _value(schedule: Any, progress_remaining: float) -> Any:
-    return float(schedule(progress_remaining)) if callable(schedule) else schedule
-
-
-def _progress_bar(total: int) -> Any:
-    try:
-        from tqdm.auto import tqdm
-    except ImportError as error:
-        raise ImportError("progress_bar=True needs tqdm: pip install tqdm", name="tqdm") from error
-    return tqdm(total=total, unit=" steps", unit_scale=True, mininterval=0.5)
-
-
 _DEFAULTS = {
     name: parameter.default
     for name, parameter in inspect.signature(PPO.__init__).parameters.items()
-    if name in (*_NUMBERS, *_SCHEDULES, "tensorboard_log", "verbose")
+    if name in (*files.NUMBERS, *sb3_models.SCHEDULES, "tensorboard_log", "verbose")
 }
+
+add_parameters(PPO, Arguments, before="Raises")

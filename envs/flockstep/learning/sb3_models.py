@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -13,13 +14,14 @@ from flockstep.learning.networks import FEATURES
 
 _FLAT = "FlattenExtractor"
 
+#: A number, or a function of the remaining share of the training, which falls from 1 to 0.
+Schedule: TypeAlias = float | Callable[[float], float]
 #: Hyperparameters that may be functions of the remaining training.
 SCHEDULES = ("learning_rate", "clip_range", "clip_range_vf")
+HYPERPARAMETERS = (*RolloutConfig.__match_args__, *UpdateConfig.__match_args__)
 #: Other hyperparameters that both have under the same names.
 SHARED = tuple(
-    name
-    for name in (*RolloutConfig.__match_args__, *UpdateConfig.__match_args__)
-    if name not in (*SCHEDULES, "normalize_observations", "normalize_rewards")
+    name for name in HYPERPARAMETERS if name not in (*SCHEDULES, "normalize_observations", "normalize_rewards")
 )
 
 
@@ -52,13 +54,10 @@ def to_sb3(model: Any) -> Any:
     made = PPO(
         "MultiInputPolicy" if isinstance(model.observation_space, spaces.Dict) else "MlpPolicy",
         None,  # type: ignore[arg-type] # an environment is not needed
-        learning_rate=model.learning_rate,
-        clip_range=model.clip_range,
-        clip_range_vf=model.clip_range_vf,
         policy_kwargs=arguments,
         device="cpu",
         _init_setup_model=False,
-        **{name: getattr(model, name) for name in SHARED},
+        **{name: getattr(model, name) for name in (*SHARED, *SCHEDULES)},
     )
     made.observation_space, made.action_space = model.observation_space, model.action_space
     made.n_envs = model.n_envs
@@ -108,15 +107,7 @@ def from_sb3(cls: Any, model: Any, env: Any) -> Any:
             f"{optimizer.defaults}"
         )
     source = model.get_env() if env is None else env
-    made = cls._without_env(
-        "MultiInputPolicy" if features == "CombinedExtractor" else "MlpPolicy",
-        model.observation_space,
-        model.action_space,
-        {
-            "net_arch": policy.net_arch,
-            "activation_fn": policy.activation_fn,
-            "features_extractor_class": features,
-        },
+    made = cls._blank(
         {
             **{name: getattr(model, name) for name in SHARED},
             "learning_rate": model.learning_rate,
@@ -124,7 +115,17 @@ def from_sb3(cls: Any, model: Any, env: Any) -> Any:
             "clip_range_vf": None if model.clip_range_vf is None else _plain_schedule(model.clip_range_vf),
             "seed": model.seed,
             "normalize_observations": moments is not None,
+        }
+    )
+    made.observation_space, made.action_space = model.observation_space, model.action_space
+    made._make_learner(
+        "MultiInputPolicy" if features == "CombinedExtractor" else "MlpPolicy",
+        {
+            "net_arch": policy.net_arch,
+            "activation_fn": policy.activation_fn,
+            "features_extractor_class": features,
         },
+        0,
     )
     if source is not None:
         made.set_env(source)

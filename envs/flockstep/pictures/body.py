@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from flockstep._core import BodyConfig, DroneModel, World
-from flockstep.drone_mesh import DroneMesh, Floats
+from flockstep.drone_mesh import DroneMesh, Floats, Ints
 from flockstep.pictures.style import STYLES
 
 _Rgb: TypeAlias = tuple[float, float, float]  # linear, like materials
@@ -20,6 +20,7 @@ _HULL: _Rgb = (0.03, 0.09, 0.42)
 _PALE = np.array([0.6, 0.7, 0.85])
 
 _DISC_SIDES = 24
+DRONE = "drone"  # the body's name
 
 
 class Body:
@@ -40,6 +41,9 @@ class Body:
         hull = np.asarray(drone.hull, float)
         #: Points (K, 3) m, body frame, that the hull and the mesh lie between.
         self.corners = hull if mesh is None else np.concatenate([hull, mesh.vertices])
+        is_hull = mesh is None and drone.to_dict().get("rotors") is None
+        #: Ends of the edges (K, 2, 3) m, body frame, of a hull without a mesh and without rotors.
+        self.edges = _edges(self._mesh.vertices, self._mesh.triangles) if is_hull else np.zeros((0, 2, 3))
         self._worlds: dict[bool, World] = {}  # by pale
 
     def at(self, position: Floats, quat_wxyz: Floats, *, pale: bool = False) -> BodyConfig:
@@ -49,7 +53,7 @@ class Body:
             colors = 0.35 * mesh.colors + 0.65 * _PALE if pale else mesh.colors
             self._worlds[pale] = DroneMesh(mesh.vertices, mesh.triangles, colors).world()
         return BodyConfig(
-            name="drone",
+            name=DRONE,
             shape="mesh",
             mesh=self._worlds[pale],
             position_m=np.asarray(position, float).tolist(),
@@ -118,3 +122,16 @@ def _hull(corners: Floats) -> _Solid:
     wide = sizes > 1e-6 * scale**2
     below, above = wide & (heights.max(axis=1) <= 1e-5 * scale), wide & (heights.min(axis=1) >= -1e-5 * scale)
     return corners, np.concatenate([triangles[below], triangles[above][:, ::-1]]), _HULL
+
+
+def _edges(corners: Floats, triangles: Ints) -> Floats:
+    """Return the sides of triangles where faces meet at an angle, (K, 2, 3)."""
+    a, b, c = corners[triangles].astype(float).transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
+    apart = [
+        (side, np.ptp(normals[(sides == side).all(axis=2).any(axis=1)], axis=0).max())
+        for side in np.unique(sides.reshape(-1, 2), axis=0)
+    ]
+    return np.array([corners[side] for side, turn in apart if turn > 1e-3])

@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import Batch
-from flockstep.pictures.depth_canvas import Color
+from flockstep.pictures.depth_canvas import Color, DepthCanvas
 from flockstep.pictures.drawing import Canvas
+from flockstep.pictures.style import Style
 from flockstep.rotations import rotate
 
 Points = npt.NDArray[np.float64]
@@ -34,6 +35,26 @@ def beams_of(batch: Batch, drone: int) -> tuple[Points, Points, npt.NDArray[np.b
     directions = rotate(quat_wxyz, np.asarray(lidar.directions[drone], float).reshape(-1, 3))
     origin = position + rotate(quat_wxyz, np.asarray(config.offset_m, float))
     return origin, origin + directions * np.where(hit, ranges, config.max_range_m)[:, None], hit
+
+
+def draw_beams(
+    canvas: DepthCanvas,
+    style: Style,
+    origin: Points,
+    ends: Points,
+    hit: npt.NDArray[np.bool_],
+    width_px: int,
+    opacity: float = 1.0,
+) -> None:
+    """Draw beams; one without a hit fades out if the style says so."""
+    missing, reaching = ends[~hit], ends[hit]
+    parts = len(style.beam_opacity)
+    for part, share in enumerate(style.beam_opacity):
+        starts, stops = (origin + (missing - origin) * (at / parts) for at in (part, part + 1))
+        if part == 0:
+            starts = np.concatenate([starts, np.broadcast_to(origin, reaching.shape)])
+            stops = np.concatenate([stops, reaching])
+        canvas.lines(starts, stops, style.beam, width_px=width_px, opacity=opacity * share)
 
 
 _GREEN: Color = (0, 230, 60)  # as in Batch.picture

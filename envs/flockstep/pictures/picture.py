@@ -67,10 +67,14 @@ def take(
 ) -> Camera:
     """Take a picture as `render` does; return the camera with its images."""
     shown = world if bodies is None else without_bodies(world)
-    batch = Batch(shown, cameras=[camera], bodies=list(bodies or ()))
+    return take_by(Batch(shown, cameras=[camera], bodies=list(bodies or ())), position, quat_wxyz)
+
+
+def take_by(batch: Batch, position: npt.ArrayLike, quat_wxyz: npt.ArrayLike | None) -> Camera:
+    """Take a picture by the only camera of a batch, which a drone carries to this pose."""
     batch.set_pose(_row("position", position, 3), None if quat_wxyz is None else _row("quat_wxyz", quat_wxyz, 4))
     batch.capture()
-    return batch.camera(camera.name)
+    return batch.camera()
 
 
 def without_bodies(world: World) -> World:

@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import BodyConfig, Camera, CameraConfig, World
-from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats, Image, Ints
-from flockstep.pictures.picture import FARTHEST_M, facing, take, without_bodies
+from flockstep._core import Batch, BodyConfig, Camera, CameraConfig, World
+from flockstep.pictures.body import DRONE
+from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats, Image, Ints, blended
+from flockstep.pictures.drawing import line_px
+from flockstep.pictures.picture import FARTHEST_M, facing, take, take_by, without_bodies
 from flockstep.rotations import rotate
 from flockstep.task import MARKERS
 
@@ -23,7 +25,6 @@ _UP = np.array([0.0, 0.0, 2.3])  # and above it
 _FREE = 0.3  # minimum distance from a wall
 _AHEAD = 0.5  # distance of the point to look at, ahead of the drone
 
-_HFOV_DEG = 75.0
 _NEAR_M = 0.05
 _OUTPUTS = ("rgb", "depth")
 _NUMBERED = 1 << 15  # more primitives than this are not faded: cameras may have no instance numbers for them
@@ -33,6 +34,10 @@ _MARKER_COLORS: dict[str, Color] = {"start": (230, 52, 43), "waypoints": (237, 2
 #: Keys of primitives in scene files.
 _SHAPES = ("pillars", "cylinders", "boxes", "spheres", "capsules", "planes", "discs", "gates")
 _FADE = 0.5  # distance in front of the drone, in drone lengths, at which that opacity is reached
+_SPAWNED = 32  # for more bodies each picture has a batch of its own
+_FIRST_BODY = 61440  # instance number of a picture's first body
+_DARK = 110  # maximum brightness of dark surfaces, before which drones have a rim of light
+_RIM, _RIM_OPACITY = np.array([205, 225, 255]), np.array(0.6)
 
 
 @dataclass
@@ -69,6 +74,8 @@ class Stage:
         Samples per pixel: 1, 4, 9 or 16.
     markers
         The markers of the world to show.
+    hfov_deg
+        Horizontal field of view.
     """
 
     def __init__(
@@ -78,11 +85,13 @@ class Stage:
         size_px: tuple[int, int],
         samples: int = 1,
         markers: Sequence[str] = MARKERS,
+        hfov_deg: float = 75.0,
     ) -> None:
         world = without_bodies(world)  # pictures show those of the env
         self._length = length
         self._size_px = size_px
         self._samples = samples
+        self._hfov_deg = hfov_deg
         places = {
             "start": [] if world.start is None else [world.start],
             "waypoints": list(world.waypoints),
@@ -91,6 +100,7 @@ class Stage:
         self._markers = [
             (name, np.asarray(place, float)) for name in MARKERS if name in markers for place in places[name]
         ]
+        self._batches: dict[tuple[World, bool], Batch] = {}  # by the world, and if fast
         self._shown: dict[tuple[int, ...], World] = {}  # the world by the markers that are shown
         if len(self._markers) == sum(map(len, places.values())):
             self._shown[tuple(range(len(self._markers)))] = world
@@ -130,7 +140,7 @@ class Stage:
         """Return a canvas of the world seen from a position (3,) m towards another."""
         turn = facing(viewer, target).astype(float)
         world = self._with_markers(range(len(self._markers)))
-        return self._canvas(take(world, viewer, turn, self._camera(), bodies), viewer, turn)
+        return self._canvas(self._taken(world, viewer, turn, bodies), viewer, turn, bodies)
 
     def set(
         self,
@@ -156,33 +166,53 @@ class Stage:
         radius = self.world.marker_radius_m
         is_near = [-radius < ahead @ (place - viewer) < cut + radius for _, place in self._markers]
         world = self._with_markers([index for index, hides in enumerate(is_near) if not hides])
-        picture = take(world, viewer, turn, self._camera(self._outputs), bodies)
-        canvas = self._canvas(picture, viewer, turn)
+        picture = self._taken(world, viewer, turn, bodies)
+        canvas = self._canvas(picture, viewer, turn, bodies)
         rgb, depth = canvas.rgb.reshape(-1, 3), canvas.depth.reshape(-1)
-        at = np.flatnonzero(self._dissolving(picture, position) & (depth < cut))
+        at = np.flatnonzero(depth < cut)
+        at = at[self._dissolving(picture, at, position)]
         markers = [
             (place, _MARKER_COLORS[name]) for (name, place), hides in zip(self._markers, is_near, strict=True) if hides
         ]
         faded = Faded(at, rgb[at], depth[at], markers, radius, opacity)
         if len(at):  # show what is behind: everything beyond the drone, and what does not fade, such as the drone
-            beyond, lasting = (
-                take(each, viewer, turn, self._camera(near_m=near_m, fast=True), bodies)
-                for each, near_m in ((world, cut), (self._lasting, _NEAR_M))
-            )
+            beyond = take(world, viewer, turn, self._camera(near_m=cut, fast=True), bodies)
+            lasting = self._taken(self._lasting, viewer, turn, bodies, fast=True)
             is_beyond = beyond.depth.reshape(-1)[at] < lasting.depth.reshape(-1)[at]
             for picture, where in ((beyond, at[is_beyond]), (lasting, at[~is_beyond])):
                 depth[where] = picture.depth.reshape(-1)[where]
                 rgb[where] = picture.rgb.reshape(-1, 3)[where]
         return canvas, faded
 
-    def _dissolving(self, picture: Camera, position: Floats) -> npt.NDArray[np.bool_]:
-        """Return which pixels (H * W,) show an obstacle that fades if it is nearer than the drone."""
+    def _taken(
+        self, world: World, viewer: Floats, turn: Floats, bodies: Sequence[BodyConfig], *, fast: bool = False
+    ) -> Camera:
+        """Take a picture by a batch that is kept for the next one: its memory takes longer to get than a picture."""
+        camera = self._camera(_OUTPUTS if fast else self._outputs, fast=fast)
+        if len(bodies) > _SPAWNED:
+            return take(world, viewer, turn, camera, bodies)
+        if (world, fast) not in self._batches:
+            if len(self._batches) > 1:
+                self.forget()
+            self._batches[world, fast] = Batch(world, cameras=[camera], max_bodies=_SPAWNED)
+        batch = self._batches[world, fast]
+        batch.bodies.remove()
+        for body in bodies:
+            batch.bodies.spawn(body)
+        return take_by(batch, viewer, turn)
+
+    def forget(self) -> None:
+        """Free the memory that is kept for the next picture."""
+        self._batches.clear()
+
+    def _dissolving(self, picture: Camera, at: Ints, position: Floats) -> npt.NDArray[np.bool_]:
+        """Return which of some pixels (K,) show an obstacle that fades if it is nearer than the drone."""
         if "instance" not in self._outputs:
-            return np.zeros(picture.depth.size, bool)
+            return np.zeros(len(at), bool)
         # Primitives below the drone do not hide it from a viewer above: the ground stays whole.
         dissolves = self._dissolves.copy()
         dissolves[1 : 1 + len(self._top)] &= self._top > position[2]
-        dissolving: npt.NDArray[np.bool_] = dissolves[picture.instance.reshape(-1)]
+        dissolving: npt.NDArray[np.bool_] = dissolves[picture.instance.reshape(-1)[at]]
         return dissolving
 
     def _camera(
@@ -192,17 +222,34 @@ class Stage:
         return CameraConfig(
             width_px=width,
             height_px=height,
-            hfov_deg=_HFOV_DEG,
+            hfov_deg=self._hfov_deg,
             near_m=near_m,
             far_m=FARTHEST_M,
             outputs=outputs,
             samples_per_pixel=1 if fast else self._samples,
+            adaptive_samples=True,
             shadows=not fast,
         )
 
-    def _canvas(self, picture: Camera, viewer: Floats, turn: Floats) -> DepthCanvas:
+    def _canvas(self, picture: Camera, viewer: Floats, turn: Floats, bodies: Sequence[BodyConfig]) -> DepthCanvas:
         rgb, depth = picture.rgb[0].copy(), picture.depth[0].copy()
+        others = sum(body.name != DRONE for body in bodies)  # drones come last
+        if "instance" in self._outputs:
+            light_rims(rgb, picture.instance[0] >= _FIRST_BODY + others)
         return DepthCanvas(rgb, depth, self._camera(), viewer, turn, self.world.light, isqrt(self._samples))
+
+
+def light_rims(rgb: Image, is_drone: npt.NDArray[np.bool_]) -> None:
+    """Lighten drones (H, W) in a picture (H, W, 3) along their edges to dark surfaces, so that they show in shade."""
+    rows = np.flatnonzero(is_drone.any(axis=1))
+    part = slice(max(rows[0] - 1, 0), rows[-1] + 2) if len(rows) else slice(0)
+    inside = is_drone[part]
+    beside = ~inside & (rgb[part].max(axis=-1) < _DARK)
+    for _ in range(line_px(rgb.shape[1])):
+        wide = np.pad(beside, 1)
+        beside |= wide[2:, 1:-1] | wide[:-2, 1:-1] | wide[1:-1, 2:] | wide[1:-1, :-2]
+    rim = inside & beside
+    rgb[part][rim] = blended(rgb[part][rim], _RIM, _RIM_OPACITY)
 
 
 def top_of(primitive: dict[str, Any]) -> float:

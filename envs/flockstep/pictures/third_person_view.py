@@ -7,12 +7,12 @@ from math import isqrt
 
 import numpy as np
 
-from flockstep._core import Batch, BodyConfig, CameraConfig, World
+from flockstep._core import Batch, CameraConfig, World
 from flockstep.drone_mesh import DroneMesh
 from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import DepthCanvas, Floats, Image, Ints
 from flockstep.pictures.drawing import Drawing, Overlay, line_px
-from flockstep.pictures.lines import Trail, beams_of, draw_move_lines, drones_of_env
+from flockstep.pictures.lines import Trail, beams_of, draw_beams, draw_move_lines, drones_of_env
 from flockstep.pictures.posed_bodies import posed_bodies
 from flockstep.pictures.stage import Stage
 from flockstep.pictures.style import STYLES
@@ -27,6 +27,7 @@ _SAME = 0.01  # distance at which two drones are in the same place, in drone len
 _WORLDS = 64  # maximum number of cached worlds
 _FOLLOWED, _LAG = 12, 0.5  # steps whose mean position the viewer follows; maximum lag in drone lengths
 _MEAN, _OFF = 4, 0.25  # steps before and after that smooth a trail; maximum distance to it in drone lengths
+_EDGE = (75, 115, 225)  # of hulls
 _RECENT = 12  # drone lengths of the trail that a viewer who follows the drone sees
 
 
@@ -92,6 +93,7 @@ class ThirdPersonView:
         self._place = place
         self._markers = tuple(markers)
         self._overlay = overlay
+        self._stage: Stage | None = None  # of the last picture
         self._stages: dict[World, Stage] = {}  # by the world that `Batch.world_of` returns, in its light
 
     def frame(self, env: int) -> Image:
@@ -101,18 +103,26 @@ class ThirdPersonView:
             if len(self._stages) >= _WORLDS:
                 self._stages.clear()
             styled = self._style.applied_to(world)
-            stage = Stage(styled, self._length, self._size_px, self._samples, self._markers)
-            self._stages[world] = stage
+            self._stages[world] = Stage(styled, self._length, self._size_px, self._samples, self._markers)
+        if self._stage is not (stage := self._stages[world]):
+            if self._stage is not None:
+                self._stage.forget()
+            self._stage = stage
         position = np.asarray(self._batch.position[env], float)
         quat_wxyz = np.asarray(self._batch.quat_wxyz[env], float)
         others = self._others_of(env)
         bodies = posed_bodies(self._batch, env // self._batch.drones_per_env)
-        bodies += self._drones(env, others[: _MOST_BODIES - 1 - len(bodies)])
+        drones = [*others[: _MOST_BODIES - 1 - len(bodies)], *([env] if self._batch.active[env] else [])]
+        poses = [(self._batch.position[drone], self._batch.quat_wxyz[drone]) for drone in drones]
+        bodies += [self._body.at(*pose, pale=drone != env) for drone, pose in zip(drones, poses, strict=True)]
         faded = None
         if self._place is None:
-            canvas, faded = self._stages[world].set(position, quat_wxyz, self._anchor(env, position), bodies)
+            canvas, faded = stage.set(position, quat_wxyz, self._anchor(env, position), bodies)
         else:
-            canvas = self._stages[world].seen_from(*self._place, bodies)
+            canvas = stage.seen_from(*self._place, bodies)
+        for at, turn in poses if len(self._body.edges) else ():
+            starts, ends = (np.asarray(at, float) + rotate(turn, self._body.edges[:, end]) for end in (0, 1))
+            canvas.lines(starts, ends, _EDGE, width_px=self._line_px)
         if self._batch.active[env]:
             self._draw_trail(canvas, env)
             draw_move_lines(canvas, self._batch, drones_of_env(self._batch, env), 2 * self._line_px)
@@ -138,13 +148,6 @@ class ThirdPersonView:
             others, apart = others[apart > _SAME * self._length], apart[apart > _SAME * self._length]
         nearest: Ints = others[np.argsort(apart, kind="stable")]
         return nearest
-
-    def _drones(self, env: int, others: Ints) -> list[BodyConfig]:
-        position, quat_wxyz = self._batch.position, self._batch.quat_wxyz
-        drones = [self._body.at(position[other], quat_wxyz[other], pale=True) for other in others]
-        if self._batch.active[env]:
-            drones.append(self._body.at(position[env], quat_wxyz[env]))
-        return drones
 
     def _anchor(self, env: int, position: Floats) -> Floats:
         """Return the point that the viewer follows: the drone's mean position over the last steps."""
@@ -176,15 +179,8 @@ class ThirdPersonView:
             return
         origin, ends, hit = beams_of(self._batch, env)
         some = np.arange(0, len(ends), max(-(-len(ends) // _MAX_BEAMS), 1))
-        style, (missing, reaching) = self._style, (ends[some][~hit[some]], ends[some][hit[some]])
-        parts = len(style.beam_opacity)
-        for part, opacity in enumerate(style.beam_opacity):
-            starts, stops = (origin + (missing - origin) * (at / parts) for at in (part, part + 1))
-            if part == 0:
-                starts = np.concatenate([starts, np.broadcast_to(origin, reaching.shape)])
-                stops = np.concatenate([stops, reaching])
-            canvas.lines(starts, stops, style.beam, width_px=self._line_px, opacity=opacity)
-        canvas.dots(ends[hit], style.hit, size_px=3 * self._line_px)
+        draw_beams(canvas, self._style, origin, ends[some], hit[some], self._line_px)
+        canvas.dots(ends[hit], self._style.hit, size_px=3 * self._line_px)
 
 
 def smoothed(path: Floats, most_m: float) -> Floats:

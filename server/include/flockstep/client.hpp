@@ -1,5 +1,5 @@
-// Client of a flockstep server: commands and observes the drones of a batch in another process. docs/protocol.md explains the
-// messages.
+// Client of a flockstep server: commands and observes the drones of a batch in another process. docs/reference/protocol.md
+// explains the messages.
 //
 //   client::Connection connection({.address = "127.0.0.1:41451"});
 //   client::GameModeController simulation(connection);
@@ -138,7 +138,7 @@ namespace flockstep::client {
 struct Options {
   std::string address = "127.0.0.1:41451";   // HOST:PORT, [HOST]:PORT or unix:PATH
   std::string token;                         // secret of the server; empty: none
-  std::chrono::milliseconds timeout{10000};  // of connecting and of each operation that waits
+  std::chrono::milliseconds timeout{10000};  // for connecting and for each operation that waits
   bool tls = false;                          // encrypt, and check the certificate of the server
   std::string ca_file;          // PEM file of the certificates that sign the server's one; empty: those of the system
   std::string host_name;        // that the certificate must name; empty: the host of the address
@@ -236,10 +236,10 @@ enum class CaptureMode { every_step, on_movement, on_demand };
 // Result of a motion.
 struct Impact {
   bool hit = false;                             // the drone touched something and stopped there
-  float fraction = 0.0F;                        // of the motion that was flown
-  Vector3 location{};                           // of the drone afterwards, m
-  Quaternion rotation{1.0F, 0.0F, 0.0F, 0.0F};  // of the drone afterwards
-  Vector3 point{};                              // of the contact, on the obstacle, m; if hit
+  float fraction = 0.0F;                        // flown part of the motion
+  Vector3 location{};                           // the drone's position afterwards, m
+  Quaternion rotation{1.0F, 0.0F, 0.0F, 0.0F};  // the drone's rotation afterwards
+  Vector3 point{};                              // contact point on the obstacle, m; if hit
   Vector3 normal{};                             // unit, from the obstacle towards the drone; if hit
 };
 
@@ -249,8 +249,8 @@ enum class ImageFormat { jpeg, png, raw };
 // An image.
 struct CameraData {
   std::int64_t step = 0;  // number of the reading in the episode
-  int width_px = 0;       // of the image
-  int height_px = 0;      // of the image
+  int width_px = 0;       // the image's
+  int height_px = 0;      // the image's
   Array image;            // the bytes of a JPEG or PNG file, (size,) uint8; or pixels, (height, width, channels)
 };
 
@@ -260,8 +260,8 @@ struct LidarData {
   int beams = 0;                                // beams of each row
   std::vector<float> ranges;                    // (channels, beams) m; inf: no hit
   std::vector<Vector3> directions;              // (channels, beams) unit vectors, body frame
-  Vector3 origin{};                             // of the beams, m, world frame
-  Quaternion rotation{1.0F, 0.0F, 0.0F, 0.0F};  // of the body
+  Vector3 origin{};                             // the beams' origin, m, world frame
+  Quaternion rotation{1.0F, 0.0F, 0.0F, 0.0F};  // the body frame's rotation
 
   // Returns the points that were hit, m, world frame. Needs the directions.
   FLOCKSTEP_API std::vector<Vector3> points() const;

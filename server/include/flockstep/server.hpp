@@ -1,4 +1,5 @@
-// Server: lets other processes see and steer the drones of a batch. docs/server.md explains it, docs/protocol.md the messages.
+// Server: lets other processes see and steer the drones of a batch. docs/how-to/connect/server.md explains it,
+// docs/reference/protocol.md the messages.
 #pragma once
 
 #include <cstdint>
@@ -25,7 +26,7 @@ struct ServerConfig {
   double idle_timeout_s = 600.0;
   double lockstep_timeout_s = 60.0;
 
-  static constexpr double kMinRateHz = 1e-6;  // of clocks and streams that run: longer periods overflow
+  static constexpr double kMinRateHz = 1e-6;  // least rate of clocks and streams that run: longer periods overflow
 
   static constexpr auto fields() {
     using C = ServerConfig;

@@ -86,7 +86,7 @@ class Link : public std::enable_shared_from_this<Link> {
   const Options options_;
   ServerInfo server_;
   Waker waker_;
-  mutable std::mutex mutex_;  // of all below
+  mutable std::mutex mutex_;  // guards all below
   std::condition_variable changed_;
   std::unique_ptr<Transport> transport_;
   protocol::FrameWriter writer_;

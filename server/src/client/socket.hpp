@@ -43,7 +43,7 @@ struct Address {
   std::string text;
   std::string host;  // empty for a Unix socket
   std::string port;
-  std::string path;  // of a Unix socket
+  std::string path;  // a Unix socket's
 
   // Throws Error if the text is no address.
   static Address parse(const std::string& text);

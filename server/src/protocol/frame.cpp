@@ -1,7 +1,7 @@
 #include "protocol/frame.hpp"
 
+#include <array>
 #include <bit>
-#include <stdexcept>
 #include <utility>
 
 #include "protocol/read_values.hpp"
@@ -37,22 +37,10 @@ bool is_utf8(std::string_view text) {
 }
 
 std::size_t size_of(DType type) {
-  switch (type) {
-    case DType::kDtypeBool:
-    case DType::kDtypeUint8:
-      return 1;
-    case DType::kDtypeUint16:
-      return 2;
-    case DType::kDtypeInt32:
-    case DType::kDtypeFloat32:
-      return 4;
-    case DType::kDtypeInt64:
-    case DType::kDtypeUint64:
-    case DType::kDtypeFloat64:
-      return 8;
-    default:
-      return 0;
-  }
+  constexpr std::array<std::size_t, 9> kSizes{0, 1, 1, 2, 4, 8, 8, 4, 8};  // in the order of DType
+  static_assert(static_cast<std::size_t>(DType::kDtypeFloat64) + 1 == kSizes.size());
+  const auto number = static_cast<std::size_t>(type);
+  return number < kSizes.size() ? kSizes[number] : 0;
 }
 
 std::size_t bytes_of(const Array& array) {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cstring>
 #include <utility>
 
 #include "base/array_shape.hpp"
@@ -42,6 +41,16 @@ void list_arrays(const Batch& batch, std::string_view sensor, const std::functio
   if (batch.task() == nullptr) return;
   list_all(batch.episodes(), {}, list);
   list_all(batch.outputs(), {.sizes = {std::ssize(batch.task()->spec().reward_terms), 1}, .dimensions = 1}, list);
+}
+
+std::vector<std::string> sensor_names(const BatchConfig& config) {
+  std::vector<std::string> names;
+  for_each_field(config, [&](const auto&, const auto& value) {
+    if constexpr (requires { value.front().rate_hz; }) {
+      for (const auto& sensor : value) names.push_back(sensor.name);
+    }
+  });
+  return names;
 }
 
 protocol::DType dtype_of(const ArrayView& array) {

@@ -23,6 +23,9 @@ namespace flockstep::server {
 // std::invalid_argument if there is no such sensor.
 void list_arrays(const Batch& batch, std::string_view sensor, const std::function<void(const ArrayView&)>& list);
 
+// Returns the names of all sensors.
+std::vector<std::string> sensor_names(const BatchConfig& config);
+
 protocol::DType dtype_of(const ArrayView& array);
 // Adds an array to a message, or one row of it under another name. A row of an array of bodies is an env with all its slots.
 void add_array(protocol::FrameWriter& writer, const ArrayView& array);
@@ -77,7 +80,7 @@ class CopiedArrays final : public ArraySource {
   };
   struct Sensor {
     std::vector<Copy> arrays;
-    std::optional<CameraConfig> camera;  // of a camera
+    std::optional<CameraConfig> camera;  // a camera's
   };
   std::map<std::string, Sensor, std::less<>> sensors_;
 };
@@ -105,7 +108,7 @@ class Publisher {
   std::map<std::string, std::int64_t, std::less<>> last_read_ns_;  // by sensor
   std::shared_ptr<Spare> spare_ = std::make_shared<Spare>();
   std::shared_ptr<CopiedArrays> newest_;
-  std::uint64_t turn_ = 0;  // of the lock, in which newest_ was made
+  std::uint64_t turn_ = 0;  // turn of the lock in which newest_ was made
 };
 
 }  // namespace flockstep::server

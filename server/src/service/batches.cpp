@@ -30,20 +30,10 @@ std::optional<Control> control_of(const std::string& name) {
 }
 
 protocol::DType message_of(DType type) {
-  switch (type) {
-    case DType::boolean:
-      return protocol::DType::kDtypeBool;
-    case DType::uint8:
-      return protocol::DType::kDtypeUint8;
-    case DType::int32:
-      return protocol::DType::kDtypeInt32;
-    case DType::int64:
-      return protocol::DType::kDtypeInt64;
-    case DType::float32:
-      return protocol::DType::kDtypeFloat32;
-    default:
-      return protocol::DType::kDtypeFloat64;
-  }
+  using enum protocol::DType;
+  constexpr std::array kTypes{kDtypeBool, kDtypeUint8, kDtypeInt32, kDtypeInt64, kDtypeFloat32, kDtypeFloat64};
+  static_assert(kTypes.size() == EnumNames<DType>::kNames.size());
+  return kTypes[static_cast<std::size_t>(type)];
 }
 
 std::vector<std::size_t> shape_of(const Field& field, std::size_t rows) {
@@ -142,10 +132,7 @@ void Service::locked(Call& call, const protocol::SetPoses& set) {
   const auto position = call.array<float>("position", {drones, 3});
   const auto quat = call.array<float>("quat_wxyz", {drones, 4});
   const auto mask = call.flags("mask", {drones});
-  if (!set.teleport && !batch_.config().dynamics.is_kinematic()) {
-    throw Refusal(Code::kFailedPrecondition,
-                  "these drones fly by their rotors: Fly and SetCommand move them, and with teleport=true they are placed");
-  }
+  require_may_move(set.teleport);
   const std::span<const float> positions = position ? std::span(*position) : std::span<const float>();
   const std::span<const float> rotations = quat ? std::span(*quat) : std::span<const float>();
   const DroneMask selected = mask ? DroneMask(*mask) : DroneMask();
@@ -165,14 +152,13 @@ void Service::locked(Call& call, const protocol::SetPoses& set) {
 
 void Service::locked(Call& call, const protocol::Fly& fly) {
   const std::int64_t drones = batch_.config().num_drones();
-  const auto command = call.array<float>("command", {drones, 4});
+  const auto command = call.given<float>("command", {drones, 4});
   const auto mask = call.flags("mask", {drones});
-  require(command.has_value(), "command", "an array of this name", "none");
   require(fly.ticks <= 1000000, "ticks", "an integer in [0, 1000000]", fly.ticks);
   require_may_change(call, mask ? std::span<const std::uint8_t>(*mask) : std::span<const std::uint8_t>());
   const std::optional<Control> control = control_of(fly.control);
   begin_change();
-  batch_.fly(*command, static_cast<int>(fly.ticks), mask ? DroneMask(*mask) : DroneMask(), control);
+  batch_.fly(command, static_cast<int>(fly.ticks), mask ? DroneMask(*mask) : DroneMask(), control);
   write_time(call);
 }
 
@@ -188,17 +174,15 @@ void Service::locked(Call& call, const protocol::SetCommand& set) {
   std::vector<float> commands = commands_;
   if (set.drone) {
     const std::size_t drone = require_drone(*set.drone);
-    const auto command = call.array<float>("command", {1, 4});
-    require(command.has_value(), "command", "an array of this name", "none");
-    std::ranges::copy(*command, commands.begin() + static_cast<std::ptrdiff_t>(4 * drone));
+    const auto command = call.given<float>("command", {1, 4});
+    std::ranges::copy(command, commands.begin() + static_cast<std::ptrdiff_t>(4 * drone));
     mask[drone] = 1;
   } else {
-    const auto command = call.array<float>("command", {drones, 4});
-    require(command.has_value(), "command", "an array of this name", "none");
+    const auto command = call.given<float>("command", {drones, 4});
     mask = call.flags("mask", {drones}).value_or(std::vector<std::uint8_t>(static_cast<std::size_t>(drones), 1));
     for (std::size_t drone = 0; drone < mask.size(); ++drone) {
       const auto row = static_cast<std::ptrdiff_t>(4 * drone);
-      if (mask[drone] != 0) std::copy_n(command->begin() + row, 4, commands.begin() + row);
+      if (mask[drone] != 0) std::copy_n(command.begin() + row, 4, commands.begin() + row);
     }
   }
   require_may_change(call, mask);
@@ -293,13 +277,11 @@ void Service::locked(Call& call, const protocol::StepEnvs&) {
   begin_change();
   if (is_floating(spec.action.type)) {
     shape.insert(shape.end(), spec.action.shape.begin(), spec.action.shape.end());
-    const auto actions = call.array<float>("actions", shape);
-    require(actions.has_value(), "actions", "an array of this name", "none");
-    batch_.step(std::span<const float>(*actions));
+    const auto actions = call.given<float>("actions", shape);
+    batch_.step(std::span<const float>(actions));
   } else {
-    const auto actions = call.array<std::int64_t>("actions", shape);
-    require(actions.has_value(), "actions", "an array of this name", "none");
-    batch_.step(std::span<const std::int64_t>(*actions));
+    const auto actions = call.given<std::int64_t>("actions", shape);
+    batch_.step(std::span<const std::int64_t>(actions));
   }
   steps_are_short_ = std::chrono::steady_clock::now() - start < std::chrono::milliseconds(1);
   steps_.fetch_add(1, std::memory_order_relaxed);

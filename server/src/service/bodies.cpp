@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
 #include <span>
@@ -16,8 +17,9 @@
 namespace flockstep::server {
 namespace {
 
-std::span<const float> values_of(const std::optional<std::vector<float>>& array) {
-  return array ? std::span<const float>(*array) : std::span<const float>();
+// Returns an array of the request, empty if it has none of this name.
+std::vector<float> numbers(const Call& call, const char* name, const std::vector<std::int64_t>& shape) {
+  return call.array<float>(name, shape).value_or(std::vector<float>());
 }
 
 }  // namespace
@@ -56,53 +58,49 @@ void Service::require_may_change_envs(const Call& call, std::span<const std::uin
 void Service::locked(Call& call, const protocol::SpawnBodies& spawn) {
   require_bodies();
   const std::int64_t envs = batch_.config().num_envs;
-  const auto position = call.array<float>("position", {envs, 3});
-  const auto quat = call.array<float>("quat_wxyz", {envs, 4});
-  const auto velocity = call.array<float>("velocity", {envs, 3});
-  const auto angular_velocity = call.array<float>("angular_velocity", {envs, 3});
+  const auto position = numbers(call, "position", {envs, 3});
+  const auto quat = numbers(call, "quat_wxyz", {envs, 4});
+  const auto velocity = numbers(call, "velocity", {envs, 3});
+  const auto angular_velocity = numbers(call, "angular_velocity", {envs, 3});
   const std::vector<std::uint8_t> mask = call.flags("mask", {envs}).value_or(std::vector<std::uint8_t>());
   require(!spawn.config_json.empty(), "config_json", "a JSON object with the fields of a BodyConfig", "nothing");
   BodyConfig config;
   read_json(spawn.config_json, "config_json", config);
   require_may_change_envs(call, mask);
   begin_change();
-  const std::vector<std::int64_t> slots =
-      batch_.bodies().spawn(config, values_of(position), values_of(quat), values_of(velocity), values_of(angular_velocity), mask);
+  const std::vector<std::int64_t> slots = batch_.bodies().spawn(config, position, quat, velocity, angular_velocity, mask);
   call.writer.add("slot", std::span<const std::int64_t>(slots), {slots.size()});
   write_time(call);
 }
 
-void Service::locked(Call& call, const protocol::RemoveBodies&) {
+void Service::change_bodies(Call& call, const std::function<void(std::span<const std::uint8_t> mask)>& change) {
   require_bodies();
   const std::vector<std::uint8_t> mask = body_mask(call);
   require_may_change_envs(call, mask);
   begin_change();
-  batch_.bodies().remove(mask);
+  change(mask);
   write_time(call);
+}
+
+std::vector<float> Service::body_rows(const Call& call, const char* name, std::int64_t columns) const {
+  require_bodies();
+  const auto envs = std::int64_t{batch_.config().num_envs}, bodies = static_cast<std::int64_t>(batch_.bodies().per_env());
+  return numbers(call, name, {envs, bodies, columns});
+}
+
+void Service::locked(Call& call, const protocol::RemoveBodies&) {
+  change_bodies(call, [&](std::span<const std::uint8_t> mask) { batch_.bodies().remove(mask); });
 }
 
 void Service::locked(Call& call, const protocol::SetBodyPoses&) {
-  require_bodies();
-  const auto envs = std::int64_t{batch_.config().num_envs}, bodies = static_cast<std::int64_t>(batch_.bodies().per_env());
-  const auto position = call.array<float>("position", {envs, bodies, 3});
-  const auto quat = call.array<float>("quat_wxyz", {envs, bodies, 4});
-  const std::vector<std::uint8_t> mask = body_mask(call);
-  require_may_change_envs(call, mask);
-  begin_change();
-  batch_.bodies().set_pose(values_of(position), values_of(quat), mask);
-  write_time(call);
+  const auto position = body_rows(call, "position", 3), quat = body_rows(call, "quat_wxyz", 4);
+  change_bodies(call, [&](std::span<const std::uint8_t> mask) { batch_.bodies().set_pose(position, quat, mask); });
 }
 
 void Service::locked(Call& call, const protocol::SetBodyVelocities&) {
-  require_bodies();
-  const auto envs = std::int64_t{batch_.config().num_envs}, bodies = static_cast<std::int64_t>(batch_.bodies().per_env());
-  const auto velocity = call.array<float>("velocity", {envs, bodies, 3});
-  const auto angular_velocity = call.array<float>("angular_velocity", {envs, bodies, 3});
-  const std::vector<std::uint8_t> mask = body_mask(call);
-  require_may_change_envs(call, mask);
-  begin_change();
-  batch_.bodies().set_velocity(values_of(velocity), values_of(angular_velocity), mask);
-  write_time(call);
+  const auto velocity = body_rows(call, "velocity", 3), angular_velocity = body_rows(call, "angular_velocity", 3);
+  change_bodies(call,
+                [&](std::span<const std::uint8_t> mask) { batch_.bodies().set_velocity(velocity, angular_velocity, mask); });
 }
 
 void Service::locked(Call& call, const protocol::GetBodyConfigs& get) {

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/require.hpp"
 #include "protocol/frame.hpp"
 #include "protocol/messages.hpp"
 
@@ -57,6 +58,13 @@ struct Call {
     const auto found = find(name, protocol::dtype_of<T>(), shape);
     return found ? std::optional(found->template values<T>()) : std::nullopt;
   }
+  // Like array(), for one that must be there.
+  template <class T>
+  std::vector<T> given(const char* name, const std::vector<std::int64_t>& shape) const {
+    std::optional<std::vector<T>> found = array<T>(name, shape);
+    require(found.has_value(), name, "an array of this name", "none");
+    return std::move(*found);
+  }
   // Like array(), for any number of bytes. Takes them out of the message without another copy in memory: arrays can be read no
   // more.
   std::optional<std::string> take_bytes(std::string_view name);
@@ -98,7 +106,7 @@ void guard(Call& call, const Operation& operation) {
   } catch (const std::runtime_error& error) {
     call.fail(Code::kFailedPrecondition, error.what());
   } catch (const std::exception& error) {
-    const std::string text = error.what();  // of Python: with a traceback, whose paths are none of the client's business
+    const std::string text = error.what();  // Python's has a traceback, whose paths are none of the client's business
     call.fail(Code::kInternal, text.substr(0, text.find('\n')));
   }
 }

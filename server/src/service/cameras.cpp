@@ -35,7 +35,7 @@ void copy_colors(const ArrayView& view, const CameraConfig& camera, std::size_t 
 std::string compress(const Picture& picture, const protocol::GetCameraData& get) {
   if (get.format == protocol::ImageFormat::kJpeg) {
     constexpr int kUsualQuality = 90;
-    CameraConfig camera;  // of the layout of a picture
+    CameraConfig camera;  // determines the layout of an image
     camera.width_px = picture.width_px;
     camera.height_px = picture.height_px;
     return render::compress_rgb(picture.rgb.data(), camera, get.quality == 0 ? kUsualQuality : static_cast<int>(get.quality));
@@ -121,7 +121,7 @@ std::optional<Picture> Service::copy_frame(Call& call, const ArraySource& arrays
 
 bool Service::take_published_frame(Call& call, std::optional<Picture>& picture) {
   const auto& get = std::get<protocol::GetCameraData>(call.request.operation);
-  const auto now = shape();
+  const auto now = info();
   const auto known = get.camera.empty() && now->camera_configs.size() == 1
                          ? now->camera_configs.begin()
                          : std::ranges::find(now->camera_configs, get.camera, &CameraConfig::name);

@@ -2,8 +2,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 #include <sstream>
 
+#include "base/pose_access.hpp"
 #include "base/require.hpp"
 #include "flockstep/planning.hpp"
 #include "service/convert.hpp"
@@ -14,27 +16,16 @@ namespace {
 
 using protocol::Code;
 
-constexpr float kDegree = 3.14159265358979F / 180.0F;
+constexpr float kDegree = std::numbers::pi_v<float> / 180.0F;
 
-// R_z(yaw) R_y(pitch) R_x(roll)
 protocol::Quaternion quaternion_of(const protocol::Angles& angles) {
-  const Quat q = Eigen::AngleAxisf(angles.yaw_deg * kDegree, Vec3::UnitZ()) *
-                 Eigen::AngleAxisf(angles.pitch_deg * kDegree, Vec3::UnitY()) *
-                 Eigen::AngleAxisf(angles.roll_deg * kDegree, Vec3::UnitX());
+  const Quat q = quat_from_rpy(kDegree * angles.roll_deg, kDegree * angles.pitch_deg, kDegree * angles.yaw_deg);
   return {.w = q.w(), .x = q.x(), .y = q.y(), .z = q.z()};
 }
 
 protocol::Angles angles_of(const protocol::Quaternion& q) {
-  const double w = q.w, x = q.x, y = q.y, z = q.z;
-  const double sine = std::clamp(2.0 * (w * y - z * x), -1.0, 1.0);
-  constexpr double kVertical = 1.0 - 1e-7;  // the x axis points up or down: roll and yaw turn about the same axis
-  const bool is_vertical = std::abs(sine) > kVertical;
-  const double roll = is_vertical ? 2.0 * std::atan2(x, w) : std::atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y));
-  const double yaw = is_vertical ? 0.0 : std::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z));
-  constexpr double kToDegrees = 180.0 / 3.14159265358979323846;
-  return {.roll_deg = static_cast<float>(roll * kToDegrees),
-          .pitch_deg = static_cast<float>(std::asin(sine) * kToDegrees),
-          .yaw_deg = static_cast<float>(yaw * kToDegrees)};
+  const Vec3 degrees = (rpy_from_quat({q.w, q.x, q.y, q.z}) * (180.0 / std::numbers::pi)).cast<float>();
+  return {.roll_deg = degrees[0], .pitch_deg = degrees[1], .yaw_deg = degrees[2]};
 }
 
 // A row of one of the batch's own arrays, which each source has.
@@ -55,6 +46,14 @@ static_assert(static_cast<int>(CaptureMode::every_step) == static_cast<int>(prot
               static_cast<int>(CaptureMode::on_movement) == static_cast<int>(protocol::CaptureModeName::kOnMovement) &&
               static_cast<int>(CaptureMode::on_demand) == static_cast<int>(protocol::CaptureModeName::kOnDemand));
 
+// The quaternion of a request that has one, or angles.
+template <class Rotation>
+protocol::Quaternion given_rotation(const Rotation& rotation) {
+  require(rotation.index() != 0, "rotation", "a quaternion or angles", "none");
+  const auto* const angles = std::get_if<protocol::Angles>(&rotation);
+  return angles ? quaternion_of(*angles) : std::get<protocol::Quaternion>(rotation);
+}
+
 }  // namespace
 
 // --------------------------------------------------------------------------------------------------------------- simulation
@@ -73,36 +72,20 @@ void Service::read(Call& call, const protocol::GetDrones&, const ArraySource& ar
 void Service::locked(Call& call, const protocol::SpawnDrone& spawn) {
   require(task_ == nullptr, "SpawnDrone", "a batch without a task, whose episodes place the drones", "one with a task");
   std::vector<std::int64_t> env;
-  if (spawn.env) {
-    require(*spawn.env >= 0 && *spawn.env < batch_.config().num_envs, "env",
-            "an index below " + std::to_string(batch_.config().num_envs), *spawn.env);
-    env.push_back(*spawn.env);
-  }
-  const bool would_renumber = batch_.config().num_envs > 1 && (batch_.config().drones_per_env != 1 || spawn.env);
-  const auto is_free = [&](std::size_t slot) {
-    const auto of = static_cast<std::int64_t>(slot) / batch_.config().drones_per_env;
-    return batch_.state().active[slot] == 0 && (env.empty() || of == env.front());
-  };
-  std::size_t slot = 0;
-  while (slot < batch_.state().active.size() && !is_free(slot)) ++slot;
-  const bool has_slot = slot < batch_.state().active.size();
-  if (would_renumber && !has_slot) {
+  if (spawn.env) env.push_back(*spawn.env);
+  const auto [its_env, renumbers] = ServedBatch::next_slot(batch_, env);
+  if (renumbers) {
     throw Refusal(Code::kFailedPrecondition,
                   "no slot is free, and a batch with several envs of several drones cannot grow while it is served: that would "
                   "change the indices of its drones");
   }
-  const std::int64_t m = batch_.config().drones_per_env;
-  const std::int64_t its_env = !env.empty() ? env.front()
-                               : has_slot   ? static_cast<std::int64_t>(slot) / m
-                               : m == 1     ? batch_.config().num_envs
-                                            : 0;
   const std::array<float, 4> rotation = spawn.rotation ? array_of(*spawn.rotation) : std::array{1.0F, 0.0F, 0.0F, 0.0F};
   const std::optional<std::array<float, 3>> given = spawn.location ? std::optional(array_of(*spawn.location)) : std::nullopt;
   const std::array<float, 3> position = spawn_place(its_env, given, rotation);
   begin_change();
   const std::int64_t drone = batch_.spawn({}, position, rotation, {}, env).front();
-  refresh_shape();
-  clear_command(static_cast<std::size_t>(drone));  // of a drone that the program has removed there, like the claim
+  refresh_info();
+  clear_command(static_cast<std::size_t>(drone));  // a drone that the program has removed keeps none, nor the claim
   {
     const std::scoped_lock lock(owners_mutex_);
     owners_.erase(drone);
@@ -114,12 +97,11 @@ void Service::locked(Call& call, const protocol::SpawnDrone& spawn) {
   result.owner = spawn.claim ? call.client->number : 0;
 }
 
-std::array<float, 3> Service::spawn_place(std::int64_t env, const std::optional<std::array<float, 3>>& location,
+std::array<float, 3> Service::spawn_place(EnvIndex env, const std::optional<std::array<float, 3>>& location,
                                           const std::array<float, 4>& rotation) const {
-  const bool is_new = env >= batch_.config().num_envs;
-  const World& world =
-      is_new ? *batch_.worlds()[static_cast<std::size_t>(env) % batch_.worlds().size()] : *batch_.world_of(EnvIndex(env));
-  const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2.0F);
+  const bool is_new = env >= static_cast<std::size_t>(batch_.config().num_envs);
+  const World& world = is_new ? *batch_.worlds()[env % batch_.worlds().size()] : *batch_.world_of(env);
+  const Vec3 start = world.drone_start();
   const std::array<float, 3> usual = location.value_or(std::array{start.x(), start.y(), start.z()});
   const Quat given(rotation[0], rotation[1], rotation[2], rotation[3]);
   const bool is_pose = is_in_world(Vec3::Map(usual.data())) && std::abs(given.norm() - 1.0F) < 1e-2F;
@@ -128,7 +110,7 @@ std::array<float, 3> Service::spawn_place(std::int64_t env, const std::optional<
   const auto is_free = [&](const Vec3& place) {
     const float below = world.bounds().min.z();  // the hull touches nothing under a floor of triangles
     return place.z() >= below &&
-           (is_new ? flockstep::is_free(world, batch_.drone(), {place, turned}) : batch_.is_free(EnvIndex(env), {place, turned}));
+           (is_new ? flockstep::is_free(world, batch_.drone(), {place, turned}) : batch_.is_free(env, {place, turned}));
   };
   const auto& [x, y, z] = usual;
   if (is_free({x, y, z})) return usual;
@@ -170,7 +152,7 @@ void Service::locked(Call& call, const protocol::GetCameraCaptureMode& get) {
 void Service::locked(Call& call, const protocol::SetCameraCaptureMode& set) {
   require_may_change(call, std::span<const std::uint8_t>());
   batch_.camera(set.camera).set_capture_mode(static_cast<CaptureMode>(set.mode));
-  refresh_shape();
+  refresh_info();
 }
 
 // --------------------------------------------------------------------------------------------------------- position and motion
@@ -191,27 +173,25 @@ void Service::locked(Call& call, const protocol::SetLocation& set) {
 }
 
 void Service::locked(Call& call, const protocol::SetRotation& set) {
-  require(set.rotation.index() != 0, "rotation", "a quaternion or angles", "none");
-  const auto* const angles = std::get_if<protocol::Angles>(&set.rotation);
-  move(call, set.drone, {}, angles ? quaternion_of(*angles) : std::get<protocol::Quaternion>(set.rotation), set.teleport);
+  move(call, set.drone, {}, given_rotation(set.rotation), set.teleport);
 }
 
 void Service::locked(Call& call, const protocol::SetLocationAndRotation& set) {
   require(set.location.has_value(), "location", "a value", "none");
-  require(set.rotation.index() != 0, "rotation", "a quaternion or angles", "none");
-  const auto* const angles = std::get_if<protocol::Angles>(&set.rotation);
-  move(call, set.drone, set.location, angles ? quaternion_of(*angles) : std::get<protocol::Quaternion>(set.rotation),
-       set.teleport);
+  move(call, set.drone, set.location, given_rotation(set.rotation), set.teleport);
+}
+
+void Service::require_may_move(bool teleport) const {
+  if (teleport || batch_.config().dynamics.is_kinematic()) return;
+  throw Refusal(Code::kFailedPrecondition,
+                "these drones fly by their rotors: Fly and SetCommand move them, and with teleport=true they are placed");
 }
 
 void Service::move(Call& call, std::int64_t index, const std::optional<protocol::Vector3>& location,
                    const std::optional<protocol::Quaternion>& rotation, bool teleport) {
   const std::size_t drone = require_drone(index);
   require_may_change(call, index);
-  if (!teleport && !batch_.config().dynamics.is_kinematic()) {
-    throw Refusal(Code::kFailedPrecondition,
-                  "these drones fly by their rotors: Fly and SetCommand move them, and with teleport=true they are placed");
-  }
+  require_may_move(teleport);
   std::span<const float> positions, rotations;
   if (location) {
     std::ranges::copy(array_of(*location), positions_.begin() + static_cast<std::ptrdiff_t>(3 * drone));
@@ -280,7 +260,7 @@ void Service::locked(Call& call, const protocol::SetLidarConfig& set) {
   const DroneMask mask = require_drones(call, set.drone, change.beams || change.channels);
   begin_change();
   batch_.lidar(set.lidar).set(change, mask);
-  refresh_shape();
+  refresh_info();
 }
 
 void Service::locked(Call& call, const protocol::GetCameraConfig& get) {
@@ -299,7 +279,7 @@ void Service::locked(Call& call, const protocol::SetCameraConfig& set) {
   const DroneMask mask = require_drones(call, set.drone, change.width_px || change.height_px);
   begin_change();
   batch_.camera(set.camera).set(change, mask);
-  refresh_shape();
+  refresh_info();
 }
 
 void Service::locked(Call& call, const protocol::GetMoveLineVisible& get) {

@@ -5,7 +5,6 @@
 #include <exception>
 #include <filesystem>
 #include <mutex>
-#include <set>
 #include <stdexcept>
 #include <string>
 #include <system_error>
@@ -337,13 +336,13 @@ class Server::Impl {
   std::atomic<bool> cancels_calls_{false};  // its address is that of the server's threads, see is_own_thread()
   server::Workload workload_;
   asio::thread_pool aside_;        // makes meshes and point clouds
-  asio::thread_pool compression_;  // of images
+  asio::thread_pool compression_;  // encodes images
   Service service_;
   server::Sessions sessions_;
   asio::ssl::context tls_;
   asio::io_context io_;  // after what the sessions in it refer to
   asio::executor_work_guard<asio::io_context::executor_type> work_{io_.get_executor()};
-  asio::strand<asio::io_context::executor_type> accepting_{asio::make_strand(io_)};  // of the acceptors and retry_timer_
+  asio::strand<asio::io_context::executor_type> accepting_{asio::make_strand(io_)};  // for the acceptors and retry_timer_
   std::optional<tcp::acceptor> tcp_;
   std::optional<asio::local::stream_protocol::acceptor> unix_;
   int port_ = 0;

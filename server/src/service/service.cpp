@@ -9,7 +9,6 @@
 #include <utility>
 #include <variant>
 
-#include "base/config_values.hpp"
 #include "base/require.hpp"
 #include "flockstep/version.hpp"
 #include "service/convert.hpp"
@@ -59,7 +58,7 @@ Service::Service(Batch& batch, const ServerConfig& config, Post post, Post run_a
   require(!ServedBatch::is_served(batch_), "batch", "one that no server serves",
           "one that another server serves: stop that one first");
   require(config.rate_hz == 0.0 || task_ == nullptr, "rate_hz", "0 for a batch with a task, which actions step", config.rate_hz);
-  refresh_shape();
+  refresh_info();
   served_.emplace(batch_, [this] {
     count_program_steps();
     begin_change();
@@ -72,11 +71,11 @@ void Service::unshare() {
   if (served_) served_->end();
 }
 
-void Service::refresh_shape() {
+void Service::refresh_info() {
   const BatchConfig& config = batch_.config();
-  const bool has_grown = !shape_ || shape_->generation != ServedBatch::generation(batch_);
-  if (shape_ && shape_->drones_per_env != config.drones_per_env) renumber(config.drones_per_env);
-  auto next = std::make_shared<Shape>();
+  const bool has_grown = !info_ || info_->generation != ServedBatch::generation(batch_);
+  if (info_ && info_->drones_per_env != config.drones_per_env) renumber(config.drones_per_env);
+  auto next = std::make_shared<BatchInfo>();
   next->protocol = protocol::kVersion;
   next->version = FLOCKSTEP_VERSION;
   next->flies_by_rotors = !config.dynamics.is_kinematic();
@@ -86,10 +85,11 @@ void Service::refresh_shape() {
   next->drones_per_env = config.drones_per_env;
   next->bodies_per_env = static_cast<std::int64_t>(batch_.bodies().per_env());
   next->generation = ServedBatch::generation(batch_);
+  next->sensors = sensor_names(config);
   for (const LidarConfig& lidar : config.lidars) next->lidars.push_back(lidar.name);
-  for (const ImuConfig& imu : config.imus) {
+  for (const auto& imu : config.imus) {
     next->imus.push_back(imu.name);
-    next->imu_config_json.push_back(config_values::written(imu, "").dump());
+    next->imu_config_json.push_back(json_of(imu).dump());
   }
   for (std::size_t camera = 0; camera < config.cameras.size(); ++camera) {
     next->camera_configs.push_back(batch_.camera(camera).config());
@@ -104,23 +104,24 @@ void Service::refresh_shape() {
     count(view);
   });
   for (const LidarConfig& lidar : config.lidars) {
-    list_arrays(batch_, lidar.name, count);
     rays = std::max(rays, static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns()));
   }
-  for (const ImuConfig& imu : config.imus) list_arrays(batch_, imu.name, count);
+  for (const std::string& sensor : next->sensors) {
+    if (std::ranges::find(next->cameras, sensor) == next->cameras.end()) list_arrays(batch_, sensor, count);
+  }
   next->max_snapshot_bytes = max_snapshot_bytes(bytes);
   constexpr std::size_t kFewBytes = std::size_t{1} << 20, kFewRays = std::size_t{1} << 12;
   is_small_ = bytes <= kFewBytes && rays <= kFewRays;
   {
     const std::scoped_lock lock(shape_mutex_);
-    shape_ = std::move(next);
+    info_ = std::move(next);
   }
   if (has_grown) fit_rows();
 }
 
 std::size_t Service::max_snapshot_bytes(std::size_t array_bytes) const {
-  constexpr std::size_t kSpare = std::size_t{1} << 26;          // of the state of a task
-  constexpr std::size_t kBytesPerDrone = std::size_t{1} << 10;  // of settings of its sensors, and of the task
+  constexpr std::size_t kSpare = std::size_t{1} << 26;          // for the state of a task
+  constexpr std::size_t kBytesPerDrone = std::size_t{1} << 10;  // settings of its sensors and of the task
   if (task_ != nullptr) {
     for (const auto* const buffers : {&batch_.outputs().observation, &batch_.outputs().final_observation}) {
       for (const Buffer& buffer : *buffers) array_bytes += buffer.bytes().size();
@@ -129,9 +130,9 @@ std::size_t Service::max_snapshot_bytes(std::size_t array_bytes) const {
   return 2 * array_bytes + kBytesPerDrone * static_cast<std::size_t>(batch_.config().num_drones()) + kSpare;
 }
 
-std::shared_ptr<const Service::Shape> Service::shape() const {
+std::shared_ptr<const Service::BatchInfo> Service::info() const {
   const std::scoped_lock lock(shape_mutex_);
-  return shape_;
+  return info_;
 }
 
 void Service::welcome(Call& call) {
@@ -146,7 +147,7 @@ void Service::welcome(Call& call) {
       const std::scoped_lock lock(owners_mutex_);
       call.client->number = ++last_client_;
     }
-    auto& welcome = call.result<protocol::Welcome>() = *shape();
+    auto& welcome = call.result<protocol::Welcome>() = *info();
     welcome.client = call.client->number;
   });
 }
@@ -246,7 +247,7 @@ void Service::complete(const std::shared_ptr<Call>& call) {
 std::size_t Service::max_array_bytes(const protocol::Request& request) {
   if (request.arrays.empty()) return 0;
   follow_program_if_free();
-  const auto now = shape();
+  const auto now = info();
   const auto sizes = [&](std::string_view name) -> std::size_t {
     const auto drones = static_cast<std::size_t>(now->num_drones()), envs = static_cast<std::size_t>(now->num_envs);
     if (name == "E") return envs;
@@ -282,11 +283,11 @@ void Service::leave(const std::shared_ptr<Client>& client) {
 // ------------------------------------------------------------------------------------------------------------------------ time
 
 void Service::follow_program() {
-  bool has_changed = ServedBatch::generation(batch_) != shape_->generation || batch_.worlds() != shape_->worlds;
-  for (std::size_t camera = 0; camera < shape_->camera_configs.size(); ++camera) {
-    has_changed |= batch_.camera(camera).config().capture_mode != shape_->camera_configs[camera].capture_mode;
+  bool has_changed = ServedBatch::generation(batch_) != info_->generation || batch_.worlds() != info_->worlds;
+  for (std::size_t camera = 0; camera < info_->camera_configs.size(); ++camera) {
+    has_changed |= batch_.camera(camera).config().capture_mode != info_->camera_configs[camera].capture_mode;
   }
-  if (has_changed) refresh_shape();
+  if (has_changed) refresh_info();
 }
 
 void Service::follow_program_if_free() {
@@ -321,7 +322,7 @@ void Service::write_time(Call& call) const {
   auto& time = call.result<protocol::Time>();
   time.step = steps();
   time.time_s = static_cast<double>(steps()) * step_s_;
-  const auto now = shape();
+  const auto now = info();
   time.num_envs = now->num_envs;
   time.generation = now->generation;
 }
@@ -474,25 +475,23 @@ void Service::require_may_change(const Call& call, std::span<const std::uint8_t>
 
 void Service::require_sensor(const std::string& name) const {
   if (name.empty()) return;
-  const auto now = shape();
-  const bool is_known = std::ranges::find(now->lidars, name) != now->lidars.end() ||
-                        std::ranges::find(now->imus, name) != now->imus.end() ||
-                        std::ranges::find(now->cameras, name) != now->cameras.end();
-  require(is_known, "sensor", "the name of a sensor of this batch", '"' + name + '"');
+  const auto now = info();
+  require(std::ranges::find(now->sensors, name) != now->sensors.end(), "sensor", "the name of a sensor of this batch",
+          '"' + name + '"');
 }
 
 std::shared_ptr<const World> Service::world(std::uint32_t index) const {
-  const auto now = shape();
+  const auto now = info();
   if (index < now->worlds.size()) return now->worlds[index];
   throw Refusal(Code::kNotFound,
                 "world: expected an index below " + std::to_string(now->worlds.size()) + ", got " + std::to_string(index));
 }
 
 void Service::renumber(std::int64_t drones_per_env) {
-  const std::int64_t before = shape_->drones_per_env, count = shape_->num_drones();
+  const std::int64_t before = info_->drones_per_env, count = info_->num_drones();
   if (before == 0) return;
   const auto moved = [&](std::int64_t drone) { return drone / before * drones_per_env + drone % before; };
-  const auto size = static_cast<std::size_t>(shape_->num_envs * drones_per_env);
+  const auto size = static_cast<std::size_t>(info_->num_envs * drones_per_env);
   std::vector<float> commands(4 * size);
   std::vector<std::uint8_t> has_command(size);
   for (std::int64_t drone = 0; drone < count; ++drone) {

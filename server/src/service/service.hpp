@@ -58,7 +58,7 @@ class Service {
 
   // Makes a step of real time, when the batch is free. Does nothing while an earlier one is waiting.
   void tick();
-  double rate_hz() const { return rate_hz_.load(std::memory_order_relaxed); }  // of real time; 0: none
+  double rate_hz() const { return rate_hz_.load(std::memory_order_relaxed); }  // in real time; 0: none
   // Calls `call` whenever a client has set another rate.
   void on_new_rate(std::function<void()> call) { on_new_rate_ = std::move(call); }
   // Calls `call` with the reason when a step of real time has failed, which ends real time.
@@ -86,10 +86,10 @@ class Service {
   };
 
   // A copy of some properties of the batch, which needs no lock: what clients are told, and more.
-  struct Shape : protocol::Welcome {
+  struct BatchInfo : protocol::Welcome {
     std::vector<CameraConfig> camera_configs;  // with their current capture modes
     Batch::Worlds worlds;
-    std::size_t max_snapshot_bytes = 0;  // of a snapshot to restore; see also largest_snapshot_
+    std::size_t max_snapshot_bytes = 0;  // limit of a snapshot to restore; see also largest_snapshot_
     std::int64_t num_drones() const { return num_envs * drones_per_env; }
     std::int64_t num_bodies() const { return num_envs * bodies_per_env; }  // slots
   };
@@ -118,8 +118,12 @@ class Service {
   void require_may_change(const Call& call, std::span<const std::uint8_t> mask) const;  // empty: all drones
   // mask: of envs or bodies. Its envs change for all their drones. Empty: all envs.
   void require_may_change_envs(const Call& call, std::span<const std::uint8_t> mask) const;
+  void require_may_move(bool teleport) const;                   // to a pose, without rotors
   void require_bodies() const;                                  // that the batch has slots for them
   std::vector<std::uint8_t> body_mask(const Call& call) const;  // that of the request, of all slots; empty: all bodies
+  std::vector<float> body_rows(const Call& call, const char* name,
+                               std::int64_t columns) const;  // the request's, (E, B, columns)
+  void change_bodies(Call& call, const std::function<void(std::span<const std::uint8_t> mask)>& change);
   // Returns the drones that a setting of a sensor changes: one, or all if the index is -1 or the setting is a common one.
   DroneMask require_drones(const Call& call, std::int64_t index, bool concerns_all);
   void require_sensor(const std::string& name) const;
@@ -131,12 +135,12 @@ class Service {
             const std::optional<protocol::Quaternion>& rotation, bool teleport);
   // Returns a place for a new drone of an env: the given one if it is free, otherwise the start of the world or, if that is
   // taken, a place near it. env: the number of envs for a new one.
-  std::array<float, 3> spawn_place(std::int64_t env, const std::optional<std::array<float, 3>>& location,
+  std::array<float, 3> spawn_place(EnvIndex env, const std::optional<std::array<float, 3>>& location,
                                    const std::array<float, 4>& rotation) const;
   std::span<const std::uint8_t> only(std::size_t drone);  // a mask
   void fit_rows();                                        // resizes the arrays of rows after the batch has grown
   void clear_command(std::size_t drone);
-  void drop_absent_commands();  // of drones that were removed, also by the program
+  void drop_absent_commands();  // commands of drones that were removed, also by the program
 
   // --- time; needs the lock
   void begin_change();  // before a long call
@@ -145,12 +149,12 @@ class Service {
   void step_if_all_wait();
   void count_program_steps();
 
-  void refresh_shape();                                           // these four need the lock
+  void refresh_info();                                            // these four need the lock
   void follow_program();                                          // whose calls may have changed it
   std::size_t max_snapshot_bytes(std::size_t array_bytes) const;  // array_bytes: of the batch, without observations
   void renumber(std::int64_t drones_per_env);                     // claims and commands, if that changes the indices of drones
   void follow_program_if_free();                                  // needs no lock
-  std::shared_ptr<const Shape> shape() const;
+  std::shared_ptr<const BatchInfo> info() const;
 
   Batch& batch_;
   std::optional<ServedBatch> served_;  // until unshare()
@@ -167,10 +171,10 @@ class Service {
   PictureMemory pictures_;
   FileMemory files_;
   RateMeter rate_;
-  std::int64_t last_tick_ = 0;  // of the first env
+  std::int64_t last_tick_ = 0;  // the first env's
 
   mutable std::mutex shape_mutex_;
-  std::shared_ptr<const Shape> shape_;  // replaced, never changed
+  std::shared_ptr<const BatchInfo> info_;  // replaced, never changed
 
   mutable std::mutex owners_mutex_;
   std::map<std::int64_t, std::uint32_t> owners_;  // client by drone
@@ -179,10 +183,10 @@ class Service {
   // Used with the lock.
   std::vector<float> positions_, rotations_;           // (N, 3), (N, 4): for calls that take rows of all drones
   std::vector<std::uint8_t> mask_;                     // (N,), see only()
-  std::vector<float> ranges_, directions_;             // of one scan
+  std::vector<float> ranges_, directions_;             // one scan's
   std::vector<float> commands_;                        // (N, 4), which steps fly; 0 without a command
   std::vector<std::uint8_t> has_command_;              // (N,)
-  std::optional<Control> command_control_;             // of all commands
+  std::optional<Control> command_control_;             // all commands'
   std::map<Client*, std::shared_ptr<Call>> lockstep_;  // members, with the step for which they wait
   std::set<std::uint32_t> late_;                       // clients that have left the lockstep because they were late
   std::uint64_t lockstep_wait_ = 0;                    // number of the current or latest wait of members for each other

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <sstream>
 #include <type_traits>
 #include <utility>
@@ -22,7 +21,7 @@ constexpr std::size_t kMaxOutbox = 256;                        // messages; then
 constexpr std::size_t kMaxOutboxBytes = std::size_t{1} << 24;  // then no request is answered until the client reads
 constexpr std::size_t kMaxUnansweredBytes = kMaxOutboxBytes;   // then nothing more is read until requests are answered
 constexpr std::size_t kGrowth = 32;  // bytes that a decoded header has for each received one, at most: empty names, for example
-constexpr std::size_t kMaxSubscriptions = 64;  // of a client
+constexpr std::size_t kMaxSubscriptions = 64;  // per client
 constexpr double kMaxStreamHz = 1000.0;
 
 // Compares in a time that does not depend on where the texts differ.

@@ -151,7 +151,7 @@ class Session final : public Client, public std::enable_shared_from_this<Session
     std::chrono::steady_clock::duration period;
     bool is_pending = false;        // a value is being made, or waits to be sent
     bool is_due = false;            // and the next one should be on its way by now
-    std::int64_t last_change = -1;  // of the value that was sent last
+    std::int64_t last_change = -1;  // change count of the value that was sent last
   };
 
   // Reads the HTTP request that begins a WebSocket, and refuses those of web pages if there is no token.
@@ -203,17 +203,17 @@ class Session final : public Client, public std::enable_shared_from_this<Session
   bool is_pinging_ = false;
   bool is_dispatching_ = false;                // dispatch_next() runs
   bool is_busy_ = false;                       // a request is being answered
-  std::size_t busy_bytes_ = 0;                 // of its message
-  std::size_t unanswered_bytes_ = 0;           // of the messages of all requests that came and were not answered
+  std::size_t busy_bytes_ = 0;                 // bytes of its message
+  std::size_t unanswered_bytes_ = 0;           // bytes of all requests that came and were not answered
   std::optional<protocol::Request> incoming_;  // header of the message that is coming in
   bool is_skipping_ = false;                   // that message was refused
   std::size_t skipped_ = 0;                    // bytes of it
-  std::size_t incoming_bytes_ = 0;             // of the whole message
+  std::size_t incoming_bytes_ = 0;             // bytes of the whole message
   std::deque<std::shared_ptr<Call>> waiting_;
   std::deque<std::shared_ptr<Call>> outbox_;  // the first is being written
   std::size_t outbox_bytes_ = 0;
   std::map<std::uint64_t, std::shared_ptr<Subscription>> subscriptions_;
-  std::size_t num_values_ = 0;  // of streams, ended ones too, that are being made
+  std::size_t num_values_ = 0;  // values of streams, ended ones too, that are being made
 };
 
 }  // namespace flockstep::server

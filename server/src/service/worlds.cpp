@@ -24,7 +24,7 @@ void add_points(protocol::FrameWriter& writer, const char* name, const std::vect
 void Service::now(Call&, const protocol::Ping&) {}
 
 void Service::now(Call& call, const protocol::Claim& claim) {
-  const std::int64_t count = shape()->num_drones();
+  const std::int64_t count = info()->num_drones();
   const std::scoped_lock lock(owners_mutex_);
   for (const std::int64_t drone : claim.drones) {
     if (drone < 0 || drone >= count) {
@@ -56,7 +56,7 @@ void Service::now(Call& call, const protocol::GetFps&) {
 void Service::now(Call& call, const protocol::GetWorlds&) {
   auto& worlds = call.result<protocol::Worlds>().worlds;
   follow_program_if_free();
-  const auto now = shape();
+  const auto now = info();
   for (const auto& world : now->worlds) {
     protocol::World& message = worlds.emplace_back();
     message.name = world->name();
@@ -84,7 +84,7 @@ void Service::locked(Call& call, const protocol::SetLight& set) {
     const Light light = changed(world(set.world)->light());
     begin_change();
     batch_.set_light(set.world, {.light = light, .tint = {}});
-    refresh_shape();
+    refresh_info();
     return;
   }
   const int num_envs = batch_.config().num_envs;
@@ -115,7 +115,7 @@ void Service::require_env(std::int64_t env, const char* field) const {
 
 void Service::locked(Call& call, const protocol::SetWorld& set) {
   require_env(set.env, "env");
-  const auto now = shape();
+  const auto now = info();
   static_cast<void>(world(set.world));
   const auto env = static_cast<std::size_t>(set.env), members = static_cast<std::size_t>(now->drones_per_env);
   std::vector<std::uint8_t> drones(static_cast<std::size_t>(now->num_drones()), 0),

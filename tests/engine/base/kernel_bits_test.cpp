@@ -187,7 +187,7 @@ TEST(KernelBits, Ranges) {
     std::vector<float> ranges(count), normalised(count);
     for (float& range : ranges) range = exact.word() % 8 == 0 ? std::numeric_limits<float>::infinity() : exact.within(0.0F, 3.0F);
     task::normalise(ranges, 3.0F, normalised.data());
-    const task::Clearance clearance = task::clearance_of(ranges, 3.0F);
+    const task::ScanClearance clearance = task::clearance_of(ranges, 3.0F);
     for (const float value : normalised) digest.add(value);
     digest.add(clearance.nearest);
     digest.add(clearance.sum);

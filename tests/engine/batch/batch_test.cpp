@@ -10,26 +10,11 @@ namespace {
 
 using namespace testing;
 
-Batch::Worlds playgrounds() {
-  Batch::Worlds worlds;
-  for (int i = 1; i <= 5; ++i) worlds.push_back(playground("train-" + std::to_string(i)));
-  return worlds;
-}
-
 NavigationBatch navigation(int num_envs) {
   NavigationBatch config = navigation_batch(num_envs);
   config.episode.max_episode_steps = 60;
   config.episode.autoreset_mode = AutoresetMode::same_step;
   return config;
-}
-
-std::vector<std::vector<std::int64_t>> random_actions(std::size_t steps, std::size_t num_envs) {
-  std::mt19937 random(7);
-  std::vector<std::vector<std::int64_t>> actions(steps, std::vector<std::int64_t>(num_envs));
-  for (auto& step : actions) {
-    for (auto& action : step) action = static_cast<std::int64_t>(random() % 6);
-  }
-  return actions;
 }
 
 void expect_no_allocation(int num_threads, int drones_per_env = 1, Episodes episodes = Episodes::team) {
@@ -40,14 +25,14 @@ void expect_no_allocation(int num_threads, int drones_per_env = 1, Episodes epis
   config.block_size = 16;
   config.episode.random_world = true;
   config.episode.max_episode_steps = 3000;
-  Batch batch = config.make(playgrounds());
+  Batch batch = config.make(training_playgrounds());
   batch.reset({});
-  const auto actions = random_actions(400, 256);
-  for (int i = 0; i < 100; ++i) batch.step(std::span<const std::int64_t>(actions[static_cast<std::size_t>(i)]));
+  const auto actions = discrete_actions(400, 256);
+  for (std::size_t i = 0; i < 100; ++i) batch.step(actions[i]);
   int crashes = 0;
   const std::uint64_t before = allocations();
   for (std::size_t i = 100; i < actions.size(); ++i) {
-    batch.step(std::span<const std::int64_t>(actions[i]));
+    batch.step(actions[i]);
     const FlagArray& crashed = batch.outputs().crashed;
     crashes += std::accumulate(crashed.begin(), crashed.end(), 0);
   }
@@ -65,33 +50,11 @@ TEST(Batch, AStepOfSeveralDronesAllocatesNothing) {
   for (const Episodes episodes : {Episodes::team, Episodes::each, Episodes::last}) expect_no_allocation(1, 4, episodes);
 }
 
-TEST(Batch, EnvsDoNotDependOnOthers) {
-  // The same five worlds and seeds, once with 20 envs in blocks of 3 on four threads, and once with 200 envs on one thread.
-  NavigationBatch few_config = navigation(20);
-  few_config.block_size = 3;
-  few_config.num_threads = 4;
-  Batch few = few_config.make(playgrounds());
-  Batch many = navigation(200).make(playgrounds());
-  const std::vector<std::uint64_t> seeds = seeds_from(11, 200);
-  few.reset(std::span(seeds).first(20));
-  many.reset(seeds);
-  const auto actions = random_actions(300, 200);
-  for (const auto& step : actions) {
-    many.step(std::span<const std::int64_t>(step));
-    few.step(std::span<const std::int64_t>(step).first(20));
-    const Outputs& a = few.outputs();
-    const Outputs& b = many.outputs();
-    const std::span<const std::byte> seen = a.observation[0].bytes();
-    ASSERT_TRUE(same_bits(seen, std::span(b.observation[0].bytes()).first(seen.size())));
-    ASSERT_TRUE(std::equal(a.reward.begin(), a.reward.end(), b.reward.begin()));
-    ASSERT_TRUE(std::equal(a.terminated.begin(), a.terminated.end(), b.terminated.begin()));
-    ASSERT_TRUE(std::equal(a.truncated.begin(), a.truncated.end(), b.truncated.begin()));
-  }
-}
+TEST(Batch, EnvsDoNotDependOnOthers) { expect_envs_alone(navigation(200), training_playgrounds(), 20, 300); }
 
 TEST(Batch, DirectTracingAndEmbreeAgree) {
   // Within a range of 3 m there are few shapes, which are traced directly. A raycast goes through Embree.
-  const Batch::Worlds worlds = playgrounds();
+  const Batch::Worlds worlds = training_playgrounds();
   Batch batch(lidar_batch(50), worlds);
   std::mt19937 random(3);
   std::uniform_real_distribution<float> across(0.5F, 13.5F);

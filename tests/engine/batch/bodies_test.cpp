@@ -11,12 +11,6 @@ namespace {
 
 using namespace testing;
 
-Batch::Worlds five_playgrounds() {
-  Batch::Worlds worlds;
-  for (int i = 1; i <= 5; ++i) worlds.push_back(playground("train-" + std::to_string(i)));
-  return worlds;
-}
-
 BodyConfig body_at(const std::array<float, 3>& position, const std::array<float, 3>& velocity, BodyShape shape) {
   BodyConfig body{.shape = shape, .size_m = {0.5F, 0.5F, shape == BodyShape::sphere ? 0.5F : 1.5F}, .position_m = position};
   body.motion.velocity_mps = velocity;
@@ -36,14 +30,6 @@ NavigationBatch among_bodies(int num_envs) {
   return config;
 }
 
-std::vector<std::int64_t> actions_of(std::size_t step, std::size_t num_envs) {
-  std::vector<std::int64_t> actions(num_envs);
-  for (std::size_t env = 0; env < num_envs; ++env) {
-    actions[env] = static_cast<std::int64_t>(std::mt19937(static_cast<unsigned>(1000 * env + step))() % 6);
-  }
-  return actions;
-}
-
 TEST(Bodies, AStepAmongThemAllocatesNothing) {
   for (const int substeps : {1, 4}) {
     NavigationBatch config = among_bodies(128);
@@ -51,15 +37,14 @@ TEST(Bodies, AStepAmongThemAllocatesNothing) {
     config.episode.autoreset_mode = AutoresetMode::next_step;  // contacts stay until the next step
     config.clock.policy_hz = 10.0F;
     config.clock.physics_hz = 10.0F * static_cast<float>(substeps);
-    Batch batch = config.make(five_playgrounds());
+    Batch batch = config.make(training_playgrounds());
     batch.reset({});
-    std::vector<std::vector<std::int64_t>> actions;
-    for (std::size_t step = 0; step < 300; ++step) actions.push_back(actions_of(step, 128));
-    for (std::size_t step = 0; step < 100; ++step) batch.step(std::span<const std::int64_t>(actions[step]));
+    const auto actions = discrete_actions(300, 128);
+    for (std::size_t step = 0; step < 100; ++step) batch.step(actions[step]);
     int met = 0;
     const std::uint64_t before = allocations();
     for (std::size_t step = 100; step < actions.size(); ++step) {
-      batch.step(std::span<const std::int64_t>(actions[step]));
+      batch.step(actions[step]);
       for (const std::int32_t body : batch.state().contact.body) met += body >= 0;
     }
     EXPECT_EQ(allocations() - before, 0U);
@@ -67,21 +52,7 @@ TEST(Bodies, AStepAmongThemAllocatesNothing) {
   }
 }
 
-TEST(Bodies, EnvsDoNotDependOnOthers) {
-  NavigationBatch few_config = among_bodies(20);
-  few_config.block_size = 3;
-  few_config.num_threads = 4;
-  const Batch::Worlds worlds = five_playgrounds();
-  Batch few = few_config.make(worlds);
-  Batch many = among_bodies(200).make(worlds);
-  few.reset({});
-  many.reset({});
-  for (std::size_t step = 0; step < 150; ++step) {
-    few.step(std::span<const std::int64_t>(actions_of(step, 20)));
-    many.step(std::span<const std::int64_t>(actions_of(step, 200)));
-    for (std::size_t env = 0; env < 20; ++env) ASSERT_TRUE(same_drone(few, env, many, env)) << "step " << step;
-  }
-}
+TEST(Bodies, EnvsDoNotDependOnOthers) { expect_envs_alone(among_bodies(200), training_playgrounds(), 20, 150); }
 
 TEST(Bodies, ManyMovesOfOneTickAreOneMoveOfManyTicks) {
   BatchConfig one;
@@ -161,30 +132,23 @@ NavigationBatch in_living_worlds(int num_envs) {
   return config;
 }
 
-void step(Batch& batch, std::size_t number, std::vector<std::int64_t>& actions) {
-  for (std::size_t env = 0; env < actions.size(); ++env) {
-    actions[env] = static_cast<std::int64_t>(std::mt19937(static_cast<unsigned>(1000 * env + number))() % 6);
-  }
-  batch.step(std::span<const std::int64_t>(actions));
-}
-
 TEST(BatchInWorldsWithBodies, AStepAllocatesNothing) {
   Batch batch = in_living_worlds(64).make(four_playgrounds());
   EXPECT_EQ(batch.bodies().per_env(), 6U);
   batch.reset({});
-  std::vector<std::int64_t> actions(64);
-  for (std::size_t i = 0; i < 50; ++i) step(batch, i, actions);
+  const auto actions = discrete_actions(150, 64);
+  for (std::size_t i = 0; i < 50; ++i) batch.step(actions[i]);
   const std::uint64_t before = allocations();
-  for (std::size_t i = 50; i < 150; ++i) step(batch, i, actions);
+  for (std::size_t i = 50; i < 150; ++i) batch.step(actions[i]);
   EXPECT_EQ(allocations() - before, 0U);
 }
 
 TEST(BatchInWorldsWithBodies, EveryEnvHasThoseOfItsWorldAndTheConfiguration) {
   Batch batch = in_living_worlds(64).make(four_playgrounds());
   batch.reset({});
-  std::vector<std::int64_t> actions(64);
+  const auto actions = discrete_actions(60, 64);
   for (std::size_t i = 0; i < 60; ++i) {
-    step(batch, i, actions);
+    batch.step(actions[i]);
     for (std::size_t env = 0; env < 64; ++env) {
       const auto of_world = static_cast<std::size_t>(2 + batch.state().world_index[env]);
       for (std::size_t body = 0; body < 6; ++body) {
@@ -195,24 +159,7 @@ TEST(BatchInWorldsWithBodies, EveryEnvHasThoseOfItsWorldAndTheConfiguration) {
   }
 }
 
-TEST(BatchInWorldsWithBodies, EnvsDoNotDependOnOthers) {
-  NavigationBatch few_config = in_living_worlds(10);
-  few_config.block_size = 3;
-  few_config.num_threads = 4;
-  const Batch::Worlds worlds = four_playgrounds();
-  Batch few = few_config.make(worlds), many = in_living_worlds(50).make(worlds);
-  few.reset({});
-  many.reset({});
-  std::vector<std::int64_t> few_actions(10), many_actions(50);
-  for (std::size_t i = 0; i < 80; ++i) {
-    step(few, i, few_actions);
-    step(many, i, many_actions);
-    for (std::size_t env = 0; env < 10; ++env) ASSERT_TRUE(same_drone(few, env, many, env)) << "step " << i;
-    for (std::size_t row = 0; row < std::size_t{3} * 6 * 10; ++row) {
-      ASSERT_EQ(few.state().bodies.position[row], many.state().bodies.position[row]) << "step " << i;
-    }
-  }
-}
+TEST(BatchInWorldsWithBodies, EnvsDoNotDependOnOthers) { expect_envs_alone(in_living_worlds(50), four_playgrounds(), 10, 80); }
 
 }  // namespace
 }  // namespace flockstep

@@ -455,6 +455,17 @@ TEST(SpawnedDrones, HaveTheSensorSettingsOfTheConfiguration) {
                          rgb.begin() + static_cast<std::ptrdiff_t>(width)));
 }
 
+TEST(SpawnedDrones, StandAsSetPosePlacesThem) {
+  const std::vector<float> at{1, 1, 0.75F}, level{1, 0, 0, 0}, inverted{0, 1, 0, 0};
+  for (const Motion motion : {Motion::rotors, Motion::kinematic}) {
+    const auto batch = batch_of(instruments(motion, 1), 1, 1);
+    batch->set_pose(at, inverted);
+    batch->remove(Indices{0});
+    batch->spawn(Indices{0}, at, {}, {});
+    EXPECT_EQ(batch->state().quat_wxyz, motion == Motion::rotors ? level : inverted);
+  }
+}
+
 TEST(GrowthOfBatches, ThreadsSpawnIntoASharedBatch) {
   const auto batch = batch_of(instruments(Motion::kinematic, 2), 1, 0);
   ServedBatch served(*batch);

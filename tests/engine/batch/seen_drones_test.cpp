@@ -205,14 +205,6 @@ TEST(SeenDrones, ADroneDoesNotSeeItselfNorDronesOfOtherEnvs) {
   }
 }
 
-std::vector<std::int64_t> seen_actions(std::size_t step, std::size_t num_drones) {
-  std::vector<std::int64_t> actions(num_drones);
-  for (std::size_t drone = 0; drone < num_drones; ++drone) {
-    actions[drone] = static_cast<std::int64_t>(std::mt19937(static_cast<unsigned>(1000 * drone + step))() % 6);
-  }
-  return actions;
-}
-
 NavigationBatch flying_flock(int num_envs, Interaction interaction = Interaction::sense) {
   NavigationBatch config = navigation_batch(num_envs);
   config.drones_per_env = 6;
@@ -226,15 +218,15 @@ NavigationBatch flying_flock(int num_envs, Interaction interaction = Interaction
 TEST(SeenDrones, ResultsDoNotDependOnThreadsBlocksOrOtherEnvs) {
   const auto world = closet();
   NavigationBatch few_config = flying_flock(4), small_blocks = flying_flock(40);
-  small_blocks.num_threads = 3;
   small_blocks.block_size = 3;
+  const auto actions = discrete_actions(60, 240);
   Batch few = few_config.make({world}), many = flying_flock(40).make({world}), others = small_blocks.make({world});
   Batch unseen = flying_flock(40, Interaction::none).make({world});
   for (Batch* const batch : {&few, &many, &others, &unseen}) batch->reset({});
   std::size_t nearer = 0;
   for (std::size_t step = 0; step < 60; ++step) {
-    few.step(std::span<const std::int64_t>(seen_actions(step, 24)));
-    for (Batch* const batch : {&many, &others, &unseen}) batch->step(std::span<const std::int64_t>(seen_actions(step, 240)));
+    few.step(std::span(actions[step]).first(24));
+    for (Batch* const batch : {&many, &others, &unseen}) batch->step(actions[step]);
     ASSERT_TRUE(same_bits(many.lidar().readings().ranges, others.lidar().readings().ranges)) << step;
     const auto first = std::span(many.lidar().readings().ranges).first(few.lidar().readings().ranges.size());
     ASSERT_TRUE(same_bits(few.lidar().readings().ranges, first)) << step;
@@ -250,11 +242,10 @@ TEST(SeenDrones, ResultsDoNotDependOnThreadsBlocksOrOtherEnvs) {
 TEST(SeenDrones, AStepAllocatesNothing) {
   Batch batch = flying_flock(64).make({closet()});
   batch.reset({});
-  std::vector<std::vector<std::int64_t>> actions;
-  for (std::size_t step = 0; step < 60; ++step) actions.push_back(seen_actions(step, 384));
-  for (std::size_t step = 0; step < 30; ++step) batch.step(std::span<const std::int64_t>(actions[step]));
+  const auto actions = discrete_actions(60, 384);
+  for (std::size_t step = 0; step < 30; ++step) batch.step(actions[step]);
   const std::uint64_t before = allocations();
-  for (std::size_t step = 30; step < 60; ++step) batch.step(std::span<const std::int64_t>(actions[step]));
+  for (std::size_t step = 30; step < 60; ++step) batch.step(actions[step]);
   EXPECT_EQ(allocations() - before, 0U);
 }
 

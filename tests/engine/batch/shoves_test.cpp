@@ -79,6 +79,16 @@ class Shoving {
 
   Batch& batch() { return envs.batch; }
 
+  static void report(long motions, long pushes, long squeezes) {
+    EXPECT_GT(pushes, motions / 50);
+    EXPECT_GT(squeezes, 0);
+    EXPECT_LT(squeezes, pushes / 2);
+    std::ostringstream text;
+    text << motions << " motions, " << pushes << " pushes, " << squeezes << " squeezes";
+    ::testing::Test::RecordProperty("counts", text.str());
+    testing::tried("shoves", pushes);
+  }
+
  private:
   static std::vector<Primitive> statics_of(Random& random) {
     std::vector<Primitive> statics{primitive(PrimitiveKind::room, Vec3::Zero(), {2, 2, 2})};
@@ -116,51 +126,54 @@ class Shoving {
 
 constexpr int kShovedEnvs = 16, kShovingBodies = 4;
 
-void report_shoves(long motions, long pushes, long squeezes) {
-  EXPECT_GT(pushes, motions / 50);
-  EXPECT_GT(squeezes, 0);
-  EXPECT_LT(squeezes, pushes / 2);
-  std::ostringstream text;
-  text << motions << " motions, " << pushes << " pushes, " << squeezes << " squeezes";
-  ::testing::Test::RecordProperty("counts", text.str());
-  testing::tried("shoves", pushes);
-}
-
-void shove_kinematic(unsigned seed, long wanted, float length) {
+// Makes scenes and moves what is in them until bodies have pushed drones often enough.
+template <class Scene, class Act>
+void try_pushes(unsigned seed, long wanted, const Scene& scene_of, long motions_per_scene, const Act& act) {
   Random random(seed + 100U * part_tried());
   wanted = times_tried(wanted);
   long motions = 0, pushes = 0, squeezes = 0;
-  while (pushes < wanted) {
-    Shoving shoving(BodyEnvs::config(kShovedEnvs, kShovingBodies), random, length, kStepS);
-    for (long motion = 0; motion < 100; ++motion) {
-      std::vector<float> target(3 * kShovedEnvs), quat(4 * kShovedEnvs);
-      for (std::size_t env = 0; env < kShovedEnvs; ++env) {
-        const Pose pose = shoving.envs.drone(env);
-        const bool stands = random.within(0, 1) < 0.4F;
-        put(target, env, stands ? pose.position : Vec3(pose.position + random.point(std::min(length, 0.5F))));
-        put(quat, env, stands ? pose.rotation : turned_by(random, 20.0F, pose.rotation));
-      }
-      shoving.steer();
-      shoving.batch().move(target, quat);
-      shoving.check(motion);
+  for (std::size_t number = 0; pushes < wanted; ++number) {
+    auto scene = scene_of(random, number);
+    for (long motion = 0; motion < motions_per_scene; ++motion) {
+      act(scene, random, motion);
+      scene.check(motion);
       if (::testing::Test::HasFatalFailure()) return;
     }
-    motions += shoving.motions;
-    pushes += shoving.pushes;
-    squeezes += shoving.squeezes;
+    motions += scene.motions;
+    pushes += scene.pushes;
+    squeezes += scene.squeezes;
   }
-  report_shoves(motions, pushes, squeezes);
+  decltype(scene_of(random, 0))::report(motions, pushes, squeezes);
+}
+
+void shove_kinematic(unsigned seed, long wanted, float length) {
+  const auto scene_of = [&](Random& random, std::size_t) {
+    return Shoving(BodyEnvs::config(kShovedEnvs, kShovingBodies), random, length, kStepS);
+  };
+  try_pushes(seed, wanted, scene_of, 100, [&](Shoving& shoving, Random& random, long) {
+    std::vector<float> target(3 * kShovedEnvs), quat(4 * kShovedEnvs);
+    for (std::size_t env = 0; env < kShovedEnvs; ++env) {
+      const Pose pose = shoving.envs.drone(env);
+      const bool stands = random.within(0, 1) < 0.4F;
+      put(target, env, stands ? pose.position : Vec3(pose.position + random.point(std::min(length, 0.5F))));
+      put(quat, env, stands ? pose.rotation : turned_by(random, 20.0F, pose.rotation));
+    }
+    shoving.steer();
+    shoving.batch().move(target, quat);
+  });
 }
 
 TEST(Shoves, OfKinematicDronesBySlowBodies) { shove_kinematic(21, 1000, 0.1F); }
 TEST(Shoves, OfKinematicDronesByFastBodies) { shove_kinematic(22, 1000, 1.0F); }
 TEST(Shoves, OfKinematicDronesAt50MetresPerSecond) { shove_kinematic(23, 1000, 5.0F); }
 
-BatchConfig rotor_config(OnContact on_contact, int envs, int slots) {
+// The configuration of a scene by its number: drones with rotors, and each kind of contact in turn.
+BatchConfig rotor_config(std::size_t scene, int envs, int slots) {
+  constexpr std::array kAll{OnContact::terminate, OnContact::stop, OnContact::bounce};
   BatchConfig config = BodyEnvs::config(envs, slots);
   config.dynamics.motion = Motion::rotors;
   config.dynamics.control = Control::velocity;
-  config.dynamics.on_contact = on_contact;
+  config.dynamics.on_contact = kAll[scene % kAll.size()];
   config.clock.policy_hz = 50.0F;
   config.clock.physics_hz = 500.0F;
   return config;
@@ -168,29 +181,18 @@ BatchConfig rotor_config(OnContact on_contact, int envs, int slots) {
 
 // Bodies at up to `speed` (m/s), observed after every tick.
 void shove_rotors(unsigned seed, long wanted, float speed) {
-  Random random(seed + 100U * part_tried());
-  wanted = times_tried(wanted);
-  long motions = 0, pushes = 0, squeezes = 0;
-  for (int scene = 0; pushes < wanted; ++scene) {
-    constexpr std::array kAll{OnContact::terminate, OnContact::stop, OnContact::bounce};
-    constexpr float kTickS = 0.002F;
-    const auto on_contact = kAll[static_cast<std::size_t>(scene) % kAll.size()];
-    Shoving shoving(rotor_config(on_contact, kShovedEnvs, kShovingBodies), random, speed * kTickS, kTickS);
-    std::vector<float> command(4 * kShovedEnvs);
-    for (long tick = 0; tick < 500; ++tick) {
-      if (tick % 20 == 0) {
-        for (float& value : command) value = random.within(-3.0F, 3.0F);
-      }
-      if (tick % 10 == 0) shoving.steer();
-      shoving.batch().fly(command, 1);
-      shoving.check(tick);
-      if (::testing::Test::HasFatalFailure()) return;
+  constexpr float kTickS = 0.002F;
+  const auto scene_of = [&](Random& random, std::size_t scene) {
+    return Shoving(rotor_config(scene, kShovedEnvs, kShovingBodies), random, speed * kTickS, kTickS);
+  };
+  std::vector<float> command(4 * kShovedEnvs);
+  try_pushes(seed, wanted, scene_of, 500, [&](Shoving& shoving, Random& random, long tick) {
+    if (tick % 20 == 0) {
+      for (float& value : command) value = random.within(-3.0F, 3.0F);
     }
-    motions += shoving.motions;
-    pushes += shoving.pushes;
-    squeezes += shoving.squeezes;
-  }
-  report_shoves(motions, pushes, squeezes);
+    if (tick % 10 == 0) shoving.steer();
+    shoving.batch().fly(command, 1);
+  });
 }
 
 TEST(Shoves, OfDronesWithRotors) { shove_rotors(24, 1000, 10.0F); }
@@ -254,65 +256,46 @@ class Plates {
     }
   }
 
+  static void report(long motions, long pushes, long) {
+    EXPECT_GT(pushes, motions / 4);
+    ::testing::Test::RecordProperty("counts", std::to_string(motions) + " motions, " + std::to_string(pushes) + " pushes");
+    testing::tried("shoves", pushes);
+  }
+
   BodyEnvs envs;
-  long motions = 0, pushes = 0;
+  long motions = 0, pushes = 0, squeezes = 0;  // nothing could squeeze them
 
  private:
   std::vector<float> sides_, parts_;  // parts: of the approach that is the plate's
 };
 
-void report_plates(long motions, long pushes) {
-  EXPECT_GT(pushes, motions / 4);
-  ::testing::Test::RecordProperty("counts", std::to_string(motions) + " motions, " + std::to_string(pushes) + " pushes");
-  testing::tried("shoves", pushes);
-}
-
 TEST(Shoves, NoKinematicDronePassesAThinPlate) {
-  Random random(31U + 100U * part_tried());
-  const long wanted = times_tried(1000);
-  long motions = 0, pushes = 0;
-  while (pushes < wanted) {
-    Plates plates(BodyEnvs::config(Plates::kEnvs, 1), random);
-    for (long motion = 0; motion < 20; ++motion) {
-      std::vector<float> target(3 * plates.envs.envs), quat(4 * plates.envs.envs);
-      for (std::size_t env = 0; env < plates.envs.envs; ++env) {
-        const Pose pose = plates.envs.drone(env);
-        put(target, env, Vec3(pose.position + kStepS * plates.speed(env)));
-        put(quat, env, random.within(0, 1) < 0.5F ? pose.rotation : turned_by(random, 90.0F, pose.rotation));
-      }
-      plates.envs.batch.move(target, quat);
-      ASSERT_NO_FATAL_FAILURE(plates.check(motion));
+  const auto scene_of = [](Random& random, std::size_t) { return Plates(BodyEnvs::config(Plates::kEnvs, 1), random); };
+  try_pushes(31, 1000, scene_of, 20, [](Plates& plates, Random& random, long) {
+    std::vector<float> target(3 * plates.envs.envs), quat(4 * plates.envs.envs);
+    for (std::size_t env = 0; env < plates.envs.envs; ++env) {
+      const Pose pose = plates.envs.drone(env);
+      put(target, env, Vec3(pose.position + kStepS * plates.speed(env)));
+      put(quat, env, random.within(0, 1) < 0.5F ? pose.rotation : turned_by(random, 90.0F, pose.rotation));
     }
-    motions += plates.motions;
-    pushes += plates.pushes;
-  }
-  report_plates(motions, pushes);
+    plates.envs.batch.move(target, quat);
+  });
 }
 
 TEST(Shoves, NoDroneWithRotorsPassesAThinPlate) {
-  Random random(32U + 100U * part_tried());
-  const long wanted = times_tried(1000);
-  long motions = 0, pushes = 0;
-  for (int scene = 0; pushes < wanted; ++scene) {
-    constexpr std::array kAll{OnContact::terminate, OnContact::stop, OnContact::bounce};
-    Plates plates(rotor_config(kAll[static_cast<std::size_t>(scene) % kAll.size()], Plates::kEnvs, 1), random);
-    std::vector<float> command(4 * plates.envs.envs), velocity(3 * plates.envs.envs), turning(3 * plates.envs.envs);
-    for (long tick = 0; tick < 200; ++tick) {
-      if (tick % 10 == 0) {  // again towards the plate
-        for (std::size_t env = 0; env < plates.envs.envs; ++env) {
-          put(velocity, env, plates.speed(env));
-          put(turning, env, random.point(20.0F));
-          put(command, env, Quat(-1, -1, -1, 1));
-        }
-        plates.envs.batch.set_velocity(velocity, turning, {});
+  const auto scene_of = [](Random& random, std::size_t scene) { return Plates(rotor_config(scene, Plates::kEnvs, 1), random); };
+  std::vector<float> command(4 * Plates::kEnvs), velocity(3 * Plates::kEnvs), turning(3 * Plates::kEnvs);
+  try_pushes(32, 1000, scene_of, 200, [&](Plates& plates, Random& random, long tick) {
+    if (tick % 10 == 0) {  // again towards the plate
+      for (std::size_t env = 0; env < plates.envs.envs; ++env) {
+        put(velocity, env, plates.speed(env));
+        put(turning, env, random.point(20.0F));
+        put(command, env, Quat(-1, -1, -1, 1));
       }
-      plates.envs.batch.fly(command, 1);
-      ASSERT_NO_FATAL_FAILURE(plates.check(tick));
+      plates.envs.batch.set_velocity(velocity, turning, {});
     }
-    motions += plates.motions;
-    pushes += plates.pushes;
-  }
-  report_plates(motions, pushes);
+    plates.envs.batch.fly(command, 1);
+  });
 }
 
 }  // namespace

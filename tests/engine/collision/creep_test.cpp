@@ -3,8 +3,8 @@
 #include "collide.hpp"
 #include "collision/sweep.hpp"
 #include "convex_oracle.hpp"
+#include "meshes.hpp"
 #include "prepared/prepared_world.hpp"
-#include "random.hpp"
 
 namespace flockstep::collision {
 namespace {
@@ -50,13 +50,7 @@ std::vector<Obstacle> obstacles_at(const Vec3& point) {
       of_triangles.mesh.vertices.push_back(center + across);
     }
   }
-  for (std::int32_t i = 0; i < kCells; ++i) {
-    for (std::int32_t j = 0; j < kCells; ++j) {
-      const std::int32_t corner = i * (kCells + 1) + j;
-      of_triangles.mesh.triangles.push_back({corner, corner + 1, corner + kCells + 2});
-      of_triangles.mesh.triangles.push_back({corner, corner + kCells + 2, corner + kCells + 1});
-    }
-  }
+  add_squares(of_triangles.mesh, 0, kCells, kCells);
   std::vector<oracle::Support> triangles;
   for (const auto& triangle : of_triangles.mesh.triangles) {
     std::vector<Vec3d> corners;
@@ -77,9 +71,7 @@ Quat small_turn(Random& random, float least_rad, float most_rad) {
   return Quat(Eigen::AngleAxisf(angle, random.direction().normalized()));
 }
 
-oracle::Support hull_of(const Pose& pose) {
-  return oracle::hull_at(quadrotor(), pose.position.cast<double>(), pose.rotation.cast<double>());
-}
+oracle::Support hull_of(const Pose& pose) { return oracle::hull_at(quadrotor(), pose); }
 
 // Moves like Batch::move().
 Pose moved(const Obstacles& obstacles, const Hull& hull, const Pose& from, const Pose& to, Contact& contact) {

@@ -62,7 +62,7 @@ TEST(Push, AnObliqueBodyPushesTheHullAlongAWall) {
     MovingBody pusher = plate(0, 0);
     pusher.from.rotation = pusher.to.rotation = rotated(degrees, Vec3::UnitZ());
     const Vec3 normal = pusher.from.rotation * Vec3::UnitX();
-    const oracle::Support hull = oracle::hull_at(quadrotor(), pose.position.cast<double>(), pose.rotation.cast<double>());
+    const oracle::Support hull = oracle::hull_at(quadrotor(), pose);
     const float met = normal.dot(hull(-normal.cast<double>()).cast<float>());
     pusher.from.position = (met - 0.3F) * normal;
     pusher.to.position = (met + 0.15F) * normal;
@@ -127,7 +127,7 @@ TEST(Push, ABallThatBeginsInTheHullMayLeaveButGetsNoDeeper) {
     MovingBody ball{PrimitiveKind::sphere, Vec3::Constant(kRadius), {}, {random.point(0.2F), random.rotation()}};
     const Pose from{0.75F * random.direction().normalized(), random.rotation()};
     const auto depth = [&](const Pose& pose, const Vec3& center) {
-      const oracle::Support hull = oracle::hull_at(quadrotor(), pose.position.cast<double>(), pose.rotation.cast<double>());
+      const oracle::Support hull = oracle::hull_at(quadrotor(), pose);
       return static_cast<double>(kRadius) - oracle::distance(hull, oracle::polytope({center.cast<double>()})).upper;
     };
     const double before = depth(from, ball.from.position);
@@ -183,7 +183,7 @@ struct Scenario {
   }
 
   double static_distance(const Pose& at) const {
-    const oracle::Support hull = oracle::hull_at(quadrotor(), at.position.cast<double>(), at.rotation.cast<double>());
+    const oracle::Support hull = oracle::hull_at(quadrotor(), at);
     double least = std::numeric_limits<double>::infinity();
     for (const Primitive& solid : statics) least = std::min(least, oracle::distance_from(hull, solid));
     return least;
@@ -258,8 +258,7 @@ TEST(Push, OneBodyInOpenAirJamsNothing) {
     ASSERT_TRUE(result.contact.hit || !result.end.pushed);
     if (result.contact.hit && degrees == 0.0F) {  // the body has not passed through the hull
       const Eigen::Vector3d normal = result.contact.normal.cast<double>();
-      const oracle::Support hull =
-          oracle::hull_at(quadrotor(), result.end.pose.position.cast<double>(), result.end.pose.rotation.cast<double>());
+      const oracle::Support hull = oracle::hull_at(quadrotor(), result.end.pose);
       ASSERT_GT(normal.dot(hull(-normal) - body_at(body, 1.0)(normal)), -0.02);
     }
     pushes += result.end.pushed;

@@ -179,7 +179,7 @@ void compare_with_fine_stepping(SceneRandom& random, const Place& place, const M
   ASSERT_GT(reference.distance(stop.position.cast<double>(), stop.rotation.cast<double>(), 0.5), 0.5 * kStandoff);
   ASSERT_NEAR(contact.normal.norm(), 1.0F, 1e-5F);
   // The contact point is at the standoff distance from the hull, on the side that the normal points away from.
-  const oracle::Support body = oracle::hull_at(quadrotor(), stop.position.cast<double>(), stop.rotation.cast<double>());
+  const oracle::Support body = oracle::hull_at(quadrotor(), stop);
   const oracle::Support point = oracle::polytope({contact.point.cast<double>()});
   ASSERT_LT(oracle::distance(body, point).upper, kStandoff + 2e-4);
   ASSERT_GT(contact.normal.cast<double>().dot(body(-contact.normal.cast<double>()) - contact.point.cast<double>()), -1e-5);

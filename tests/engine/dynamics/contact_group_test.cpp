@@ -65,12 +65,19 @@ GroupMember flying(std::uint32_t number, const Pose& from, const Velocity& veloc
   return drone;
 }
 
-void resolve(ContactResolver& resolver, std::vector<GroupMember>& drones, const DynamicsConfig& config,
-             const collision::Obstacles& obstacles = nothing()) {
-  std::vector<GroupMember*> pointers;
-  for (GroupMember& drone : drones) pointers.push_back(&drone);
-  resolver.resolve(pointers, obstacles, {}, config);
-}
+// The resolver of drones of one model.
+struct GroupResolver {
+  explicit GroupResolver(const DroneModel& model) : hull(model), corners(model.hull()) {}
+  void resolve(std::vector<GroupMember>& drones, const DynamicsConfig& config, const collision::Obstacles& among = nothing()) {
+    std::vector<GroupMember*> pointers;
+    for (GroupMember& drone : drones) pointers.push_back(&drone);
+    inner.resolve(pointers, among, {}, config);
+  }
+
+  collision::Hull hull;
+  collision::Corners corners;
+  ContactResolver inner{hull, corners};
+};
 
 struct Totals {
   Vec3d momentum = Vec3d::Zero(), angular = Vec3d::Zero();
@@ -103,10 +110,8 @@ TEST(ContactGroup, ACentralBounceFollowsTheClosedForm) {
           flying(0, {{0, 0, 0}, Quat::Identity()}, {{v1, 0, 0}, Vec3::Zero()}, &light),
           flying(1, {{0.6F + gap, 0, 0}, Quat::Identity()}, {{v2, 0, 0}, Vec3::Zero()}, &other),
       };
-      const collision::Hull hull(pointed_drone());
-      const collision::Corners corners(pointed_drone().hull());
-      ContactResolver resolver(hull, corners);
-      resolve(resolver, drones, contact_config(OnContact::bounce, restitution));
+      GroupResolver resolver(pointed_drone());
+      resolver.resolve(drones, contact_config(OnContact::bounce, restitution));
       const double m1 = 1.0, m2 = mass, e = static_cast<double>(restitution);
       const double after1 = ((m1 - e * m2) * 3.0 + (1 + e) * m2 * -1.0) / (m1 + m2);
       const double after2 = ((m2 - e * m1) * -1.0 + (1 + e) * m1 * 3.0) / (m1 + m2);
@@ -160,10 +165,8 @@ TEST(ContactGroup, BouncesConserveMomentumAndAddNoEnergy) {
       drones.push_back(flying(k, {k == 0 ? at : Vec3(at + apart * towards + aside), turns[k]},
                               {speed * towards + random.point(1.0F), random.point(5.0F)}, &frames[k]));
     }
-    const collision::Hull hull(model);
-    const collision::Corners corners(model.hull());
-    ContactResolver resolver(hull, corners);
-    resolve(resolver, drones, contact_config(OnContact::bounce, restitution, friction));
+    GroupResolver resolver(model);
+    resolver.resolve(drones, contact_config(OnContact::bounce, restitution, friction));
     if (!drones[0].contact.hit) {
       EXPECT_FALSE(drones[1].contact.hit);
       continue;
@@ -180,10 +183,8 @@ TEST(ContactGroup, BouncesConserveMomentumAndAddNoEnergy) {
     // Gyroscopic torques act on both in the rest of the tick; about the contact the angular momentum else stays.
     const Vec3d arm = static_cast<double>(at.norm() + 1.0F) * Vec3d::Ones();
     ASSERT_LT((after.angular - before.angular).norm(), 2e-3 * size * (1.0 + 1e-3 * arm.norm())) << "bounce " << i;
-    const oracle::Support first =
-        oracle::hull_at(model, drones[0].pose.position.cast<double>(), drones[0].pose.rotation.cast<double>());
-    const oracle::Support second =
-        oracle::hull_at(model, drones[1].pose.position.cast<double>(), drones[1].pose.rotation.cast<double>());
+    const oracle::Support first = oracle::hull_at(model, drones[0].pose);
+    const oracle::Support second = oracle::hull_at(model, drones[1].pose);
     ASSERT_GT(oracle::distance(first, second).lower, 0.0) << "bounce " << i;
   }
   EXPECT_GT(bounces, 1000);
@@ -192,9 +193,7 @@ TEST(ContactGroup, BouncesConserveMomentumAndAddNoEnergy) {
 // However often two drones hit each other in a tick, also if impulses cannot part them.
 TEST(ContactGroup, PairsKeepTheirMomentum) {
   Random random(3);
-  const collision::Hull hull(box_drone());
-  const collision::Corners corners(box_drone().hull());
-  ContactResolver resolver(hull, corners);
+  GroupResolver resolver(box_drone());
   int pairs = 0;
   for (int i = 0; i < 30000; ++i) {
     const Airframe frames[] = {frame_of(static_cast<double>(random.within(0.03F, 1))), frame_of(0.5)};
@@ -206,7 +205,7 @@ TEST(ContactGroup, PairsKeepTheirMomentum) {
       const Velocity velocity{(k == 0 ? 1.0F : -1.0F) * random.within(0, 8) * towards + random.point(2), random.point(20)};
       drones.push_back(flying(k, {k == 0 ? Vec3(Vec3::Zero()) : Vec3(apart * towards), turns[k]}, velocity, &frames[k]));
     }
-    resolve(resolver, drones, contact_config(OnContact::bounce, i % 3 == 0 ? 0.0F : random.within(0, 1), random.within(0, 1)));
+    resolver.resolve(drones, contact_config(OnContact::bounce, i % 3 == 0 ? 0.0F : random.within(0, 1), random.within(0, 1)));
     if (!drones[0].contact.hit || drones[0].contact.inside || drones[1].contact.inside) continue;
     ++pairs;
     Vec3d change = Vec3d::Zero();  // kg m/s
@@ -218,15 +217,19 @@ TEST(ContactGroup, PairsKeepTheirMomentum) {
   EXPECT_GT(pairs, 1000);
 }
 
+bool same_outcome(const GroupMember& a, const GroupMember& b) {
+  return a.pose.position == b.pose.position && a.pose.rotation.coeffs() == b.pose.rotation.coeffs() &&
+         a.velocity.linear == b.velocity.linear && a.velocity.angular == b.velocity.angular && a.contact.hit == b.contact.hit &&
+         a.contact.inside == b.contact.inside && a.contact.fraction == b.contact.fraction && a.contact.point == b.contact.point;
+}
+
 // A drone that can touch no other one is resolved in a shorter way, with the same bits.
 TEST(ContactGroup, ADroneFarFromOthersMovesAsIfAlone) {
   Random random(4);
   const auto world = make_world({primitive(PrimitiveKind::room, Vec3::Zero(), Vec3(1, 1, 0.6F)),
                                  primitive(PrimitiveKind::box, {0.8F, 0, 0}, Vec3(0.2F, 0.2F, 1))});
   const collision::Obstacles& obstacles = prepared(*world).obstacles();
-  const collision::Hull hull(box_drone());
-  const collision::Corners corners(box_drone().hull());
-  ContactResolver resolver(hull, corners);
+  GroupResolver resolver(box_drone());
   const Airframe frame = frame_of(0.5);
   int contacts = 0;
   for (const OnContact on_contact : {OnContact::terminate, OnContact::bounce, OnContact::stop}) {
@@ -236,17 +239,11 @@ TEST(ContactGroup, ADroneFarFromOthersMovesAsIfAlone) {
           flying(1, {Vec3(-50, 0, 0), Quat::Identity()}, {}, &frame)};
       drones[1].is_open = true;
       GroupMember alone = drones[0];
-      resolve(resolver, drones, contact_config(on_contact), obstacles);
-      resolver.resolve(alone, obstacles, {}, contact_config(on_contact));
+      resolver.resolve(drones, contact_config(on_contact), obstacles);
+      resolver.inner.resolve(alone, obstacles, {}, contact_config(on_contact));
       contacts += alone.contact.hit;
       ASSERT_EQ(alone.is_deflected, drones[0].is_deflected);
-      ASSERT_EQ(alone.pose.position, drones[0].pose.position);
-      ASSERT_EQ(alone.pose.rotation.coeffs(), drones[0].pose.rotation.coeffs());
-      ASSERT_EQ(alone.velocity.linear, drones[0].velocity.linear);
-      ASSERT_EQ(alone.velocity.angular, drones[0].velocity.angular);
-      ASSERT_EQ(alone.contact.inside, drones[0].contact.inside);
-      ASSERT_EQ(alone.contact.fraction, drones[0].contact.fraction);
-      ASSERT_EQ(alone.contact.point, drones[0].contact.point);
+      ASSERT_TRUE(same_outcome(alone, drones[0]));
     }
   }
   EXPECT_GT(contacts, 500);
@@ -259,10 +256,8 @@ TEST(ContactGroup, ADroneThatHoldsIsAWall) {
       flying(1, {{0.603F, 0, 0}, Quat::Identity()}, {}, &frame),
   };
   drones[1].is_fixed = true;
-  const collision::Hull hull(pointed_drone());
-  const collision::Corners corners(pointed_drone().hull());
-  ContactResolver resolver(hull, corners);
-  resolve(resolver, drones, contact_config(OnContact::bounce, 0.5F));
+  GroupResolver resolver(pointed_drone());
+  resolver.resolve(drones, contact_config(OnContact::bounce, 0.5F));
   EXPECT_NEAR(drones[0].velocity.linear.x(), -1.5F, 1e-5);
   EXPECT_FALSE(drones[1].is_deflected);
   EXPECT_EQ(drones[1].pose.position, Vec3(0.603F, 0, 0));
@@ -276,10 +271,8 @@ TEST(ContactGroup, DronesStopTogetherAtAContactThatTerminates) {
       flying(1, {{0.604F, 0, 0}, Quat::Identity()}, {{-1, 0, 0}, Vec3::Zero()}, &frame),
       flying(2, {{1.2F, 0.1F, 0}, Quat::Identity()}, {}, &frame),
   };
-  const collision::Hull hull(pointed_drone());
-  const collision::Corners corners(pointed_drone().hull());
-  ContactResolver resolver(hull, corners);
-  resolve(resolver, drones, contact_config(OnContact::terminate));
+  GroupResolver resolver(pointed_drone());
+  resolver.resolve(drones, contact_config(OnContact::terminate));
   EXPECT_NEAR(drones[1].pose.position.x() - drones[0].pose.position.x(), 0.6001, 2e-6);
   EXPECT_NEAR(drones[0].pose.position.x() / (0.604F - drones[1].pose.position.x()), 3.0, 1e-2);
   EXPECT_TRUE(drones[0].is_deflected && drones[1].is_deflected);
@@ -295,10 +288,8 @@ TEST(ContactGroup, ImpulsesPassThroughARow) {
     drones.push_back(flying(i, {{0.6015F * static_cast<float>(i), 0, 0}, Quat::Identity()},
                             {{i == 0 ? 6.0F : 0.0F, 0, 0}, Vec3::Zero()}, &frame));
   }
-  const collision::Hull hull(pointed_drone());
-  const collision::Corners corners(pointed_drone().hull());
-  ContactResolver resolver(hull, corners);
-  resolve(resolver, drones, contact_config(OnContact::bounce, 1.0F));
+  GroupResolver resolver(pointed_drone());
+  resolver.resolve(drones, contact_config(OnContact::bounce, 1.0F));
   for (std::uint32_t i = 0; i < kCount; ++i) {
     EXPECT_NEAR(drones[i].velocity.linear.x(), i + 1 == kCount ? 6.0F : 0.0F, 1e-4) << i;
   }
@@ -309,9 +300,7 @@ TEST(ContactGroup, TheOrderOfTheDronesDoesNotMatter) {
   const auto world = make_world({primitive(PrimitiveKind::room, Vec3::Zero(), Vec3(2, 2, 1)),
                                  primitive(PrimitiveKind::box, {0.5F, 0, 0}, Vec3(0.2F, 0.2F, 1))});
   const collision::Obstacles& obstacles = prepared(*world).obstacles();
-  const collision::Hull hull(box_drone());
-  const collision::Corners corners(box_drone().hull());
-  ContactResolver resolver(hull, corners);
+  GroupResolver resolver(box_drone());
   int contacts = 0;
   for (const OnContact on_contact : {OnContact::terminate, OnContact::bounce, OnContact::stop}) {
     for (int i = 0; i < 100; ++i) {
@@ -323,17 +312,12 @@ TEST(ContactGroup, TheOrderOfTheDronesDoesNotMatter) {
       }
       std::vector<GroupMember> shuffled(drones);
       std::ranges::shuffle(shuffled, random.generator());
-      resolve(resolver, drones, contact_config(on_contact, 0.6F, 0.4F), obstacles);
-      resolve(resolver, shuffled, contact_config(on_contact, 0.6F, 0.4F), obstacles);
+      resolver.resolve(drones, contact_config(on_contact, 0.6F, 0.4F), obstacles);
+      resolver.resolve(shuffled, contact_config(on_contact, 0.6F, 0.4F), obstacles);
       for (const GroupMember& drone : shuffled) {
         const GroupMember& same = drones[drone.number];
         contacts += drone.other >= 0;
-        ASSERT_EQ(drone.pose.position, same.pose.position);
-        ASSERT_EQ(drone.pose.rotation.coeffs(), same.pose.rotation.coeffs());
-        ASSERT_EQ(drone.velocity.linear, same.velocity.linear);
-        ASSERT_EQ(drone.velocity.angular, same.velocity.angular);
-        ASSERT_EQ(drone.contact.hit, same.contact.hit);
-        ASSERT_EQ(drone.contact.point, same.contact.point);
+        ASSERT_TRUE(same_outcome(drone, same));
         ASSERT_EQ(drone.other, same.other);
       }
     }

@@ -67,7 +67,7 @@ class Bodies {
 };
 
 double distance(const Pose& drone, const Primitive& solid) {
-  const oracle::Support hull = oracle::hull_at(quadrotor(), drone.position.cast<double>(), drone.rotation.cast<double>());
+  const oracle::Support hull = oracle::hull_at(quadrotor(), drone);
   return oracle::distance_from(hull, solid);
 }
 

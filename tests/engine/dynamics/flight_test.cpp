@@ -132,13 +132,12 @@ TEST(Flight, HasTheSameBitsOnEveryTarget) {
       const OnTarget first(HWY_EMU128);
       Flock expected = start;
       dynamics::fly(physics, expected, 0, 20);
-      for (std::int64_t targets = hwy::SupportedTargets(); targets != 0; targets &= targets - 1) {
-        const OnTarget on(targets & -targets);
+      on_every_target([&] {
         Flock flown = start;
         dynamics::fly(physics, flown, 0, 20);
-        EXPECT_TRUE(same(flown, expected)) << hwy::TargetName(targets & -targets) << ", control " << static_cast<int>(control);
+        EXPECT_TRUE(same(flown, expected)) << "control " << static_cast<int>(control);
         ++compared;
-      }
+      });
     }
   }
   EXPECT_GE(compared, 2 * static_cast<int>(kFlightControls.size()));
@@ -330,10 +329,40 @@ TEST(Contact, NoWallIsThinEnoughToBeFlownThrough) {
   }
 }
 
+Vec3 inertia_of(const Airframe& frame) { return Eigen::Map<const Eigen::Vector3d>(frame.inertia_kgm2.data()).cast<float>(); }
+
+float energy_of(const Airframe& frame, const Velocity& v) {
+  return static_cast<float>(frame.mass_kg) * v.linear.squaredNorm() + v.angular.cwiseAbs2().dot(inertia_of(frame));
+}
+
+const Pose kTurned{{1, 2, 3}, Quat(Eigen::AngleAxisf(0.5F, Vec3::UnitZ()))};
+
+// Corners of a drone, all at one height, that may touch the floor at once.
+struct Face {
+  Face(Random& random, int count) {
+    for (int k = 0; k < count; ++k) {
+      corners.emplace_back(kTurned.position + Vec3(random.within(-0.2F, 0.2F), random.within(-0.2F, 0.2F), -0.06F));
+    }
+  }
+  // The corners' least velocity upwards.
+  float slowest(const Velocity& v) const {
+    float least = kInfinity;
+    for (const Vec3& corner : corners) {
+      least = std::min(least, (v.linear + (kTurned.rotation * v.angular).cross(corner - kTurned.position)).z());
+    }
+    return least;
+  }
+  auto thrown_back(const Velocity& before, const Airframe& frame, const dynamics::ContactMaterial& surface) const {
+    return dynamics::thrown_back(before, before, 0.0, kTurned, with_normal(corners), frame, surface);
+  }
+
+  std::vector<Vec3> corners;
+};
+
 TEST(Impact, BouncesByRestitutionAndFriction) {
   const Airframe frame = *DroneModel::load("kingfisher").airframe();
-  dynamics::Surface surface{0.4, 0.0};
-  const Pose pose{{1, 2, 3}, Quat(Eigen::AngleAxisf(0.5F, Vec3::UnitZ()))};
+  dynamics::ContactMaterial surface{0.4, 0.0};
+  const Pose& pose = kTurned;
   // The contact is straight below the centre, so there is no rotation.
   const std::array below{Vec3(1, 2, 2.9F)};
   const auto thrown_back = [&](const Velocity& before, std::span<const Vec3> points, const Vec3& normal) {
@@ -350,10 +379,9 @@ TEST(Impact, BouncesByRestitutionAndFriction) {
   surface.friction = 0.5;
   Random random(1);
   for (int i = 0; i < 1000; ++i) {
-    const auto vector = [&] { return Vec3(random.within(-1, 1), random.within(-1, 1), random.within(-1, 1)); };
-    const Vec3 normal = vector().normalized();
-    const Vec3 arm = 0.2F * vector();
-    const Velocity before{vector() * 5.0F, vector() * 5.0F};
+    const Vec3 normal = random.point(1).normalized();
+    const Vec3 arm = random.point(0.2F);
+    const Velocity before{random.point(5), random.point(5)};
     const std::array<Vec3, 1> point{pose.position + arm};
     const Velocity after = thrown_back(before, point, normal);
     const auto at_point = [&](const Velocity& v) { return Vec3(v.linear + (pose.rotation * v.angular).cross(arm)); };
@@ -363,16 +391,11 @@ TEST(Impact, BouncesByRestitutionAndFriction) {
       EXPECT_GE(at_point(after).dot(normal), -1e-4F) << "it no longer approaches";
     }
     const Vec3 impulse = static_cast<float>(frame.mass_kg) * (after.linear - before.linear);
-    const Vec3 inertia(static_cast<float>(frame.inertia_kgm2[0]), static_cast<float>(frame.inertia_kgm2[1]),
-                       static_cast<float>(frame.inertia_kgm2[2]));
-    const Vec3 turned = inertia.cwiseProduct(after.angular - before.angular);
+    const Vec3 turned = inertia_of(frame).cwiseProduct(after.angular - before.angular);
     EXPECT_TRUE((pose.rotation * turned).isApprox(arm.cross(impulse), 1e-2F));
     const float push = impulse.dot(normal);
     EXPECT_LE((impulse - push * normal).norm(), 0.5F * push * 1.001F) << "in Coulomb's cone";
-    const auto energy = [&](const Velocity& v) {
-      return static_cast<float>(frame.mass_kg) * v.linear.squaredNorm() + v.angular.cwiseAbs2().dot(inertia);
-    };
-    EXPECT_LE(energy(after), energy(before) * 1.0001F);
+    EXPECT_LE(energy_of(frame, after), energy_of(frame, before) * 1.0001F);
   }
 }
 
@@ -380,39 +403,21 @@ TEST(Impact, BouncesByRestitutionAndFriction) {
 // dropped.
 TEST(Impact, KeepsTheEnergyThatRestitutionAllows) {
   const Airframe frame = *DroneModel::load("kingfisher").airframe();
-  const Vec3 inertia(static_cast<float>(frame.inertia_kgm2[0]), static_cast<float>(frame.inertia_kgm2[1]),
-                     static_cast<float>(frame.inertia_kgm2[2]));
-  const auto energy = [&](const Velocity& v) {
-    return static_cast<float>(frame.mass_kg) * v.linear.squaredNorm() + v.angular.cwiseAbs2().dot(inertia);
-  };
-  const Pose pose{{1, 2, 3}, Quat(Eigen::AngleAxisf(0.5F, Vec3::UnitZ()))};
   Random random(3);
   int hits = 0, lost = 0;
   for (int i = 0; i < 20000; ++i) {
-    const auto vector = [&] { return Vec3(random.within(-1, 1), random.within(-1, 1), random.within(-1, 1)); };
-    std::vector<Vec3> corners;
-    for (int k = 0; k < 1 + i % 6; ++k) {
-      corners.emplace_back(pose.position + Vec3(random.within(-0.2F, 0.2F), random.within(-0.2F, 0.2F), -0.06F));
-    }
-    const Velocity before{vector() * 5.0F, vector() * 20.0F};
-    const auto slowest = [&](const Velocity& v) {
-      float least = std::numeric_limits<float>::infinity();
-      for (const Vec3& corner : corners) {
-        least = std::min(least, (v.linear + (pose.rotation * v.angular).cross(corner - pose.position)).z());
-      }
-      return least;
-    };
-    if (slowest(before) > -0.1F) continue;
+    const Face face(random, 1 + i % 6);
+    const Velocity before{random.point(5), random.point(20)};
+    if (face.slowest(before) > -0.1F) continue;
     ++hits;
     for (const double friction : {0.0, 0.5}) {
       float kept = 0.0F;
       bool is_less = false;
       for (const double restitution : {0.0, 0.5, 0.9, 1.0}) {
-        const Velocity after =
-            dynamics::thrown_back(before, before, 0.0, pose, with_normal(corners), frame, {restitution, friction}).after;
-        const float share = energy(after) / energy(before);
+        const Velocity after = face.thrown_back(before, frame, {restitution, friction}).after;
+        const float share = energy_of(frame, after) / energy_of(frame, before);
         ASSERT_LE(share, 1.0F + 1e-5F) << "restitution " << restitution << ", friction " << friction;
-        ASSERT_GE(slowest(after), -1e-2F);
+        ASSERT_GE(face.slowest(after), -1e-2F);
         if (friction == 0.0) {
           // Points slower than 5 cm/s get no restitution.
           is_less |= share < kept - 1e-3F || (restitution == 1.0 && share < 0.99F);
@@ -430,39 +435,22 @@ TEST(Impact, KeepsTheEnergyThatRestitutionAllows) {
 // the metric of mass and inertia (Gauss). Therefore any random motion of this kind is farther away.
 TEST(Impact, AFaceThatLandsOnASmoothFloorLosesTheLeastItCan) {
   const Airframe frame = *DroneModel::load("kingfisher").airframe();
-  const Vec3 inertia(static_cast<float>(frame.inertia_kgm2[0]), static_cast<float>(frame.inertia_kgm2[1]),
-                     static_cast<float>(frame.inertia_kgm2[2]));
-  const auto mass = static_cast<float>(frame.mass_kg);
-  const Pose pose{{1, 2, 3}, Quat(Eigen::AngleAxisf(0.5F, Vec3::UnitZ()))};
   Random random(2);
   int pressed = 0;
   for (int i = 0; i < 1000; ++i) {
-    const auto vector = [&] { return Vec3(random.within(-1, 1), random.within(-1, 1), random.within(-1, 1)); };
-    std::vector<Vec3> corners;
-    for (int k = 0; k < 3 + i % 6; ++k) {
-      corners.emplace_back(pose.position + Vec3(random.within(-0.2F, 0.2F), random.within(-0.2F, 0.2F), -0.06F));
-    }
-    const auto slowest = [&](const Velocity& v) {
-      float least = std::numeric_limits<float>::infinity();
-      for (const Vec3& corner : corners) {
-        least = std::min(least, (v.linear + (pose.rotation * v.angular).cross(corner - pose.position)).z());
-      }
-      return least;
-    };
-    const Velocity before{vector() * 3.0F, vector() * 10.0F};
-    const auto lost = [&](const Velocity& v) {
-      return mass * (v.linear - before.linear).squaredNorm() + (v.angular - before.angular).cwiseAbs2().dot(inertia);
-    };
-    const Velocity after = dynamics::thrown_back(before, before, 0.0, pose, with_normal(corners), frame, {0.0, 0.0}).at_end;
-    ASSERT_GE(slowest(after), -1e-3F) << "rounds have an end: slivers need many";
-    if (slowest(before) >= 0.0F) {
+    const Face face(random, 3 + i % 6);
+    const Velocity before{random.point(3), random.point(10)};
+    const auto lost = [&](const Velocity& v) { return energy_of(frame, {v.linear - before.linear, v.angular - before.angular}); };
+    const Velocity after = face.thrown_back(before, frame, {0.0, 0.0}).at_end;
+    ASSERT_GE(face.slowest(after), -1e-3F) << "rounds have an end: slivers need many";
+    if (face.slowest(before) >= 0.0F) {
       EXPECT_LT(lost(after), 1e-9F);
       continue;
     }
     ++pressed;
     for (int k = 0; k < 100; ++k) {
-      Velocity other{after.linear + 0.1F * vector(), after.angular + vector()};
-      other.linear.z() -= std::min(slowest(other), 0.0F);  // lifted until no corner moves down
+      Velocity other{after.linear + random.point(0.1F), after.angular + random.point(1)};
+      other.linear.z() -= std::min(face.slowest(other), 0.0F);  // lifted until no corner moves down
       ASSERT_GE(lost(other), lost(after) - 1e-4F);
     }
   }

@@ -54,6 +54,9 @@ struct File {
     return json["nodes"].size() - 1;
   }
 
+  // Adds a mesh with one primitive and a node that shows it.
+  void object(const Json& primitive) { node({{"mesh", mesh(primitive)}}); }
+
   std::size_t corner() { return accessor(bytes_of<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}), kFloat, "VEC3", 3); }
 
   std::string text() {
@@ -101,12 +104,11 @@ inline void expect_near(const Vec3& a, const Vec3& b) {
 // A 1 m square with uv. Its material has an image of 2 x 1 pixels: red, blue.
 struct Textured : File {
   Textured() {
-    const std::size_t positions = accessor(bytes_of<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}), kFloat, "VEC3", 3);
+    const std::size_t positions = corner();
     const std::size_t uv = accessor(bytes_of<float>({0, 0, 1, 0, 0, 1}), kFloat, "VEC2", 3);
     const std::size_t other = accessor(bytes_of<std::uint16_t>({65535, 0, 0, 0, 0, 65535}), kShort, "VEC2", 3);
     json["accessors"][other]["normalized"] = true;
-    mesh({{"attributes", {{"POSITION", positions}, {"TEXCOORD_0", uv}, {"TEXCOORD_1", other}}}, {"material", 0}});
-    node({{"mesh", 0}});
+    object({{"attributes", {{"POSITION", positions}, {"TEXCOORD_0", uv}, {"TEXCOORD_1", other}}}, {"material", 0}});
     const std::vector<std::uint8_t> pixels{255, 0, 0, 255, 0, 0, 255, 255};
     const std::size_t image = view(encode_png(2, 1, pixels));
     json["images"] = {{{"bufferView", image}, {"mimeType", "image/png"}, {"name", "stripes"}},

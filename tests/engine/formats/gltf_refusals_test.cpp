@@ -199,7 +199,8 @@ TEST(Gltf, TruncatedTextIsRefused) {
 // --------------------------------------------------------------------------------------------------------- in a World
 
 TEST(Gltf, AWorldReportsIgnoredParts) {
-  const std::filesystem::path path = std::filesystem::path(::testing::TempDir()) / "flockstep_gltf_world.gltf";
+  const TempFolder folder;
+  const std::filesystem::path path = folder / "a.gltf";
   File file = one_triangle();
   file.json["animations"] = {Json::object()};
   std::ofstream(path) << file.text();
@@ -207,11 +208,11 @@ TEST(Gltf, AWorldReportsIgnoredParts) {
   EXPECT_EQ(world->bounds().max, Vec3(2, 0, 2));
   ASSERT_EQ(world->ignored().size(), 1U);
   EXPECT_EQ(world->ignored()[0], "1 animation");
-  std::filesystem::remove(path);
 }
 
 TEST(LoadOptions, OtherFormatsArePlacedToo) {
-  const std::filesystem::path path = std::filesystem::path(::testing::TempDir()) / "flockstep_placed.json";
+  const TempFolder folder;
+  const std::filesystem::path path = folder / "a.json";
   std::ofstream(path) << R"({"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [4, 6, 2]},
     "boxes": [{"center": [1, 2, 1], "size": [1, 2, 1]}], "spheres": [{"center": [3, 3, 1], "radius": 0.5}],
     "meshes": [{"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": [[0, 1, 2]]}],
@@ -231,7 +232,6 @@ TEST(LoadOptions, OtherFormatsArePlacedToo) {
        {LoadOptions{.scale = 0.0}, LoadOptions{.scale = NAN}, LoadOptions{.origin = Vec3(0, NAN, 0)}}) {
     EXPECT_THROW(World::load(path, wrong), std::invalid_argument);
   }
-  std::filesystem::remove(path);
 }
 
 // -------------------------------------------------------------------------------------------------- files from other tools

@@ -80,8 +80,7 @@ TEST(Gltf, TrianglesComeAsListsStripsAndFans) {
                                   : component == kShort ? bytes_of<std::uint16_t>({0, 1, 2, 3})
                                                         : bytes_of<std::uint32_t>({0, 1, 2, 3});
       const std::size_t indices = file.accessor(numbers, component, "SCALAR", count);
-      file.mesh({{"attributes", {{"POSITION", positions}}}, {"indices", indices}, {"mode", mode}});
-      file.node({{"mesh", 0}});
+      file.object({{"attributes", {{"POSITION", positions}}}, {"indices", indices}, {"mode", mode}});
       EXPECT_EQ(parse(file).scene.mesh.triangles, expected) << mode;
       if (mode == 4) continue;
       file.json["meshes"][0]["primitives"][0].erase("indices");
@@ -103,8 +102,7 @@ TEST(Gltf, TrianglesWithoutAnAreaAreDropped) {
   File file;
   const std::size_t positions = file.accessor(bytes_of<float>({0, 0, 0, 1, 0, 0, 0, 1, 0, 2, 0, 0}), kFloat, "VEC3", 4);
   const std::size_t indices = file.accessor(bytes_of<std::uint8_t>({0, 1, 2, 0, 1, 3, 1, 1, 2}), kByte, "SCALAR", 9);
-  file.mesh({{"attributes", {{"POSITION", positions}}}, {"indices", indices}});
-  file.node({{"mesh", 0}});
+  file.object({{"attributes", {{"POSITION", positions}}}, {"indices", indices}});
   const GltfFile read = parse(file);
   EXPECT_EQ(read.scene.mesh.triangles.size(), 1U);
   EXPECT_EQ(read.ignored, std::vector<std::string>{"2 triangles without an area"});
@@ -113,8 +111,7 @@ TEST(Gltf, TrianglesWithoutAnAreaAreDropped) {
 TEST(Gltf, VerticesMayBeInterleavedAndQuantized) {
   File file;
   const std::size_t positions = file.accessor(bytes_of<float>({0, 0, 0, 9, 1, 0, 0, 9, 0, 1, 0}), kFloat, "VEC3", 3, 16);
-  file.mesh({{"attributes", {{"POSITION", positions}}}});
-  file.node({{"mesh", 0}});
+  file.object({{"attributes", {{"POSITION", positions}}}});
   expect_near(corners(parse(file).scene.mesh, 0)[2], Vec3(0, 0, 1));
 
   File quantized;
@@ -122,8 +119,7 @@ TEST(Gltf, VerticesMayBeInterleavedAndQuantized) {
   const std::size_t whole =
       quantized.accessor(bytes_of<std::int16_t>({0, 0, 0, 0, 32767, 0, 0, 0, 0, -32768, 0, 0}), 5122, "VEC3", 3, 8);
   quantized.json["accessors"][whole]["normalized"] = true;
-  quantized.mesh({{"attributes", {{"POSITION", whole}}}});
-  quantized.node({{"mesh", 0}});
+  quantized.object({{"attributes", {{"POSITION", whole}}}});
   const TriangleMesh mesh = parse(quantized).scene.mesh;
   expect_near(corners(mesh, 0)[1], Vec3(1, 0, 0));
   expect_near(corners(mesh, 0)[2], Vec3(0, 0, -1));
@@ -312,7 +308,7 @@ TEST(Gltf, MasksHaveACutoffOfTheTexturesAlpha) {
 
 TEST(Gltf, ColoursOfVertices) {
   File file;
-  const std::size_t positions = file.accessor(bytes_of<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}), kFloat, "VEC3", 3);
+  const std::size_t positions = file.corner();
   const std::size_t floats = file.accessor(bytes_of<float>({1, 0.5, 0, 0, 0, 2, 1, 1, 1}), kFloat, "VEC3", 3);
   const std::size_t bytes =
       file.accessor(bytes_of<std::uint8_t>({255, 0, 51, 9, 0, 0, 0, 9, 255, 255, 255, 9}), kByte, "VEC4", 3, 4);

@@ -31,6 +31,16 @@ const std::string kSquare = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
 
 bool with_uv(const ObjNames&) { return true; }
 
+// Returns the lines of the vertices of a convex polygon, and that of its face without its end.
+std::pair<std::string, std::string> thousand_corners() {
+  std::string vertices, face = "f";
+  for (int i = 1; i <= 1000; ++i) {
+    vertices += "v " + std::to_string(i) + ' ' + std::to_string(i * i) + " 0\n";
+    face += ' ' + std::to_string(i);
+  }
+  return {vertices, face};
+}
+
 double area(const TriangleMesh& mesh) {
   double sum = 0.0;
   for (const auto& [a, b, c] : mesh.triangles) {
@@ -129,12 +139,8 @@ TEST_F(Obj, ObjectsAndMaterialsAreOfBoundedNumber) {
 }
 
 TEST_F(Obj, AnObjectOfManyCornersIsOne) {
-  std::string vertices, text = "o a\nusemtl red\n";
-  std::string face = "f";
-  for (int i = 1; i <= 1000; ++i) {
-    vertices += "v " + std::to_string(i) + ' ' + std::to_string(i * i) + " 0\n";
-    face += ' ' + std::to_string(i);
-  }
+  const auto [vertices, face] = thousand_corners();
+  std::string text = "o a\nusemtl red\n";
   for (int i = 0; i < 3; ++i) text += face + '\n';
   const ObjMesh mesh = parse_obj(vertices + text + "o b\n" + face, "x");
   ASSERT_EQ(mesh.mesh.triangles.size(), 4 * 998U);
@@ -189,12 +195,7 @@ TEST_F(Obj, OtherLinesAreSkipped) {
 }
 
 TEST_F(Obj, FacesHaveAThousandCornersAtMost) {
-  std::string vertices;
-  std::string face = "f";
-  for (int i = 1; i <= 1000; ++i) {
-    vertices += "v " + std::to_string(i) + ' ' + std::to_string(i * i) + " 0\n";
-    face += ' ' + std::to_string(i);
-  }
+  const auto [vertices, face] = thousand_corners();
   EXPECT_EQ(load(vertices + face + '\n').triangles.size(), 998U);
   EXPECT_TRUE(names(message_of(vertices + face + " 1\n"), ":1001: ... 1000"));
 }

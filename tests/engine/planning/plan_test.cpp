@@ -1,10 +1,9 @@
-#include <random>
-
 #include "collide.hpp"
 #include "convex_oracle.hpp"
 #include "flockstep/planning.hpp"
 #include "planning/lattice.hpp"
 #include "planning/navigable.hpp"
+#include "random.hpp"
 #include "standard.hpp"
 
 namespace flockstep {
@@ -212,14 +211,13 @@ class VisibilityGraph {
 };
 
 TEST(Plan, IsAsShortAsTheVisibilityGraphInPillarFields) {
-  std::mt19937 random(3);
-  const auto draw = [&random](double low, double high) { return std::uniform_real_distribution<double>(low, high)(random); };
+  Random random(3);
   constexpr double kRadius = 0.25;
   for (int round = 0; round < 4; ++round) {
     std::vector<Vec2d> pillars;
     std::vector<Primitive> primitives{room({10, 8, 3})};
     while (pillars.size() < 9) {
-      const Vec2d center(draw(2.2, 7.8), draw(0.5, 7.5));
+      const Vec2d center(random.within(2.2F, 7.8F), random.within(0.5F, 7.5F));
       if (std::any_of(pillars.begin(), pillars.end(), [&](const Vec2d& p) { return (p - center).norm() < 1.5; })) continue;
       pillars.push_back(center);
       primitives.push_back(Primitive{.kind = PrimitiveKind::cylinder,
@@ -257,25 +255,23 @@ TEST(Plan, BadArgumentsAreRefused) {
 
 // A room with obstacles of every kind, tilted and level.
 World clutter(unsigned seed) {
-  std::mt19937 random(seed);
-  const auto draw = [&random](float low, float high) { return std::uniform_real_distribution<float>(low, high)(random); };
-  const auto place = [&] { return Vec3(draw(0, 8), draw(0, 6), draw(0, 3)); };
+  Random random(seed);
+  const auto place = [&] { return Vec3(random.within(0, 8), random.within(0, 6), random.within(0, 3)); };
   SceneDescription scene;
   scene.primitives.push_back({.kind = PrimitiveKind::room, .center = {4, 3, 1.5F}, .half_extents = {4, 3, 1.5F}});
   for (const PrimitiveKind kind : {PrimitiveKind::box, PrimitiveKind::cylinder, PrimitiveKind::capsule, PrimitiveKind::sphere}) {
     for (int i = 0; i < 5; ++i) {
-      const float radius = draw(0.05F, 0.3F);
-      Vec3 half(radius, radius, kind == PrimitiveKind::sphere ? radius : radius + draw(0.0F, 0.5F));
-      if (kind == PrimitiveKind::box) half.y() = draw(0.05F, 0.5F);
+      const float radius = random.within(0.05F, 0.3F);
+      Vec3 half(radius, radius, kind == PrimitiveKind::sphere ? radius : radius + random.within(0.0F, 0.5F));
+      if (kind == PrimitiveKind::box) half.y() = random.within(0.05F, 0.5F);
       const bool is_turned = i % 2 == 0 && kind != PrimitiveKind::sphere;
-      const Quat turned = Quat(draw(-1, 1), draw(-1, 1), draw(-1, 1), draw(-1, 1)).normalized();
-      scene.primitives.push_back(
-          {.kind = kind, .center = place(), .rotation = is_turned ? turned : Quat::Identity(), .half_extents = half});
+      const Quat rotation = is_turned ? random.rotation() : Quat::Identity();
+      scene.primitives.push_back({.kind = kind, .center = place(), .rotation = rotation, .half_extents = half});
     }
   }
   for (std::int32_t i = 0; i < 60; i += 3) {
     const Vec3 corner = place();
-    for (int j = 0; j < 3; ++j) scene.mesh.vertices.push_back(corner + Vec3(draw(-1, 1), draw(-1, 1), draw(-1, 1)));
+    for (int j = 0; j < 3; ++j) scene.mesh.vertices.push_back(corner + random.point(1));
     scene.mesh.triangles.push_back({i, i + 1, i + 2});
   }
   return World(std::move(scene));
@@ -285,11 +281,8 @@ TEST(Lattice, AgreesWithTheSweepOnFreeSpace) {
   for (const unsigned seed : {1U, 2U, 3U}) {
     const World world = clutter(seed);
     const FreeSpace space(world, DroneModel::quadrotor650());
-    std::mt19937 random(seed);
-    const auto place = [&random] {
-      const auto draw = [&random](float most) { return std::uniform_real_distribution<float>(-0.2F, most + 0.2F)(random); };
-      return Vec3(draw(8), draw(6), draw(3));
-    };
+    Random random(seed);
+    const auto place = [&] { return Vec3(random.within(-0.2F, 8.2F), random.within(-0.2F, 6.2F), random.within(-0.2F, 3.2F)); };
     for (const float cell : {0.1F, 0.3F, 1.0F}) {
       Lattice lattice(space, world.bounds(), {4, 3, 1.5F}, {1, 1, 1}, cell, false);
       int clear = 0;

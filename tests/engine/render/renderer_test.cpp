@@ -32,7 +32,7 @@ struct PlaygroundAlbum {
                           .pinhole = &pinhole,
                           .position = Vec3(7, 7, 2) + random.point(1.5F),
                           .rotation = random.rotation().toRotationMatrix(),
-                          .frame = Frame{.rgb = rgb.data() + i * kBytes}});
+                          .frame = RenderTargets{.rgb = rgb.data() + i * kBytes}});
     }
   }
   PlaygroundAlbum(const PlaygroundAlbum&) = delete;

@@ -81,10 +81,9 @@ TEST(Textures, ABorderShowsTheWrappedTexture) {
   for (const TextureWrap across : {TextureWrap::repeat, TextureWrap::mirror, TextureWrap::clamp}) {
     for (const TextureWrap down : {TextureWrap::repeat, TextureWrap::mirror, TextureWrap::clamp}) {
       const std::vector<Texture> images{patches(5, 3, 1, 1, {}), patches(13, 6, 1, 3, {across, down})};
-      const Textures plain(images), bordered(images, {}, Border::yes);
-      const auto level = static_cast<std::size_t>(plain.first_level[1]);
-      ASSERT_EQ(plain.width, bordered.width);
-      const auto texel = [level](const Textures& textures, int row, int column) {
+      const Textures textures(images);
+      const auto level = static_cast<std::size_t>(textures.first_level[1]);
+      const auto texel = [&](int row, int column) {
         return textures.texels[static_cast<std::size_t>(textures.offset[level] + row * textures.stride[level] + column)];
       };
       const auto within = [](int at, int size, TextureWrap wrap) {
@@ -92,7 +91,7 @@ TEST(Textures, ABorderShowsTheWrappedTexture) {
       };
       for (int row = -1; row <= 6; ++row) {
         for (int column = -1; column <= 13; ++column) {
-          EXPECT_EQ(texel(bordered, row, column), texel(plain, within(row, 6, down), within(column, 13, across)));
+          EXPECT_EQ(texel(row, column), texel(within(row, 6, down), within(column, 13, across)));
         }
       }
     }
@@ -102,20 +101,26 @@ TEST(Textures, ABorderShowsTheWrappedTexture) {
 TEST(Textures, EverySimdTargetShowsTheSameBits) {
   const auto world = place();
   std::vector<std::vector<std::uint8_t>> pictures;
-  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-    const OnTarget on(target);
+  on_every_target([&] {
     const auto batch = testing::look(world, camera_of(true), {-4, 0, 1.5F});
     const auto& rgb = batch->camera(0).images().rgb;
     pictures.emplace_back(rgb.begin(), rgb.end());
-    EXPECT_EQ(pictures.back(), pictures.front()) << hwy::TargetName(target);
-  }
+    EXPECT_EQ(pictures.back(), pictures.front());
+  });
 }
 
-TEST(Textures, LevelsAreMeansOfLinearValues) {
+// Transparent texels do not contribute colour to coarser levels. If all texels are transparent, the colour is their plain mean.
+TEST(Textures, LevelsAreMeansOfLinearValuesByAlpha) {
+  constexpr std::array kRepeat{TextureWrap::repeat, TextureWrap::repeat};
+  std::vector<Texture> images{patches(13, 6, 1, 3, kRepeat, true)};
+  for (const std::size_t texel : {0U, 1U, 13U, 14U, 30U}) images[0].rgba[4 * texel + 3] = 0;
   for (const auto& [width, height] : {std::pair(13, 6), std::pair(16, 8), std::pair(12, 10), std::pair(4, 1), std::pair(1, 6)}) {
-    const Texture image = patches(width, height, 1, 3, {TextureWrap::repeat, TextureWrap::repeat});
-    const Textures textures(std::vector<Texture>{image});
-    const auto levels = oracle::mip_levels(image);
+    images.push_back(patches(width, height, 1, 3, kRepeat));
+  }
+  for (const Texture& image : images) {
+    const bool has_alphas = &image == images.data();
+    const Textures textures(std::vector<Texture>{image}, {has_alphas});
+    const auto levels = oracle::mip_levels(image, has_alphas);
     ASSERT_EQ(textures.num_levels, std::vector<std::int32_t>{static_cast<std::int32_t>(levels.size())});
     for (std::size_t level = 0; level < levels.size(); ++level) {
       ASSERT_EQ(textures.width[level], levels[level].width);
@@ -123,11 +128,14 @@ TEST(Textures, LevelsAreMeansOfLinearValues) {
       for (int row = 0; row < levels[level].height; ++row) {
         for (int column = 0; column < levels[level].width; ++column) {
           const std::uint32_t texel =
-              textures.texels[static_cast<std::size_t>(textures.offset[level] + row * textures.width[level] + column)];
+              textures.texels[static_cast<std::size_t>(textures.offset[level] + row * textures.stride[level] + column)];
           for (Eigen::Index c = 0; c < 3; ++c) {
             const int byte = static_cast<int>(texel >> (8 * c) & 0xFF);
             EXPECT_NEAR(byte, oracle::rounded_to_byte(levels[level].at(row, column)[c]), level == 0 ? 0 : 1) << level;
           }
+          if (!has_alphas) continue;
+          const double alpha = levels[level].alpha[static_cast<std::size_t>(row * levels[level].width + column)];
+          EXPECT_NEAR(static_cast<double>(texel >> 24U), alpha, level == 0 ? 0 : 1) << level;
         }
       }
     }

@@ -330,7 +330,8 @@ void expect_no_allocation(int num_threads) {
   config.cameras = {
       {.name = "a", .width_px = 17, .height_px = 9, .outputs = kAllOutputs, .samples_per_pixel = 4, .shadows = true},
       {.name = "b", .width_px = 16, .height_px = 16, .layout = ImageLayout::chw, .capture_mode = CaptureMode::on_movement},
-      {.name = "c", .width_px = 8, .height_px = 8, .capture_mode = CaptureMode::on_demand}};
+      {.name = "c", .width_px = 8, .height_px = 8, .capture_mode = CaptureMode::on_demand},
+      {.name = "d", .width_px = 17, .height_px = 9, .samples_per_pixel = 4, .adaptive_samples = true}};
   SceneDescription with_mesh;
   with_mesh.primitives = {primitive(PrimitiveKind::room, {7, 7, 2}, {7, 7, 2})};
   with_mesh.mesh.vertices = {{3, 3, 1}, {4, 3, 1}, {3, 4, 2}};

@@ -168,9 +168,10 @@ TEST(CameraBits, AreTheSameOnEverySimdTarget) {
     std::vector<CameraImages> pictures;
     // Scenes are rebuilt, because Embree's callback is chosen when a scene is made.
     for (const auto& world : {crowded(52, 60, 5, 0), crowded(54, 700, 5, 0), crowded(56, 10, 5, 100), ring().world, yard(true)}) {
-      for (const int samples : {1, 4}) {
+      for (const int samples : {1, 4, 9}) {
         CameraConfig camera = camera_of(49, 37);
         camera.samples_per_pixel = samples;
+        camera.adaptive_samples = samples == 9;
         camera.shadows = samples == 4;
         camera.depth_kind = samples == 4 ? DepthKind::range : DepthKind::planar;
         pictures.push_back(look(world, camera, random.point(0.5F) + Vec3(0, 0, 0.6F), random.rotation())->camera(0).images());

@@ -177,6 +177,50 @@ TEST(CameraColors, SamplesAreTheMeanOfAPictureOfSmallerPixels) {
   }
 }
 
+TEST(CameraColors, AdaptiveSamplesAreTakenWhereColoursDiffer) {
+  for (const auto& [width, height] : {std::pair{1, 1}, {37, 21}, {70, 50}}) {
+    for (const auto& world : {ring().world, yard(true)}) {
+      for (const int samples : {4, 9, 16}) {
+        CameraConfig camera = camera_of(width, height);
+        camera.shadows = true;
+        const auto shoot = [&] { return look(world, camera, {-0.4F, 0.2F, 0.6F}, turned(40, Vec3::UnitZ())); };
+        const auto plain = shoot();
+        camera.samples_per_pixel = samples;
+        const auto all = shoot();
+        camera.adaptive_samples = true;
+        const auto adaptive = shoot();
+        std::size_t refined = 0, even = 0;
+        const auto rows = static_cast<std::size_t>(height), columns = static_cast<std::size_t>(width);
+        for (std::size_t i = 0; i < rows * columns; ++i) {
+          const std::size_t row = i / columns, column = i % columns;
+          std::array<int, 3> low{255, 255, 255}, high{};
+          for (std::size_t r = row - std::min<std::size_t>(row, 1); r < std::min(row + 2, rows); ++r) {
+            for (std::size_t k = column - std::min<std::size_t>(column, 1); k < std::min(column + 2, columns); ++k) {
+              for (std::size_t c = 0; c < 3; ++c) {
+                low[c] = std::min<int>(low[c], pixel(*plain, r, k).rgb[c]);
+                high[c] = std::max<int>(high[c], pixel(*plain, r, k).rgb[c]);
+              }
+            }
+          }
+          const bool differs = high[0] - low[0] > 8 || high[1] - low[1] > 8 || high[2] - low[2] > 8;
+          Pixel expected = pixel(*plain, row, column);
+          expected.rgb = pixel(*(differs ? all : plain), row, column).rgb;
+          const Pixel is = pixel(*adaptive, row, column);
+          ASSERT_EQ(is.rgb, expected.rgb) << samples << " samples, row " << row << ", column " << column;
+          ASSERT_EQ(std::tie(is.depth, is.semantic, is.instance, is.normal),
+                    std::tie(expected.depth, expected.semantic, expected.instance, expected.normal));
+          ASSERT_EQ(is.grey, pixel(*(differs ? all : plain), row, column).grey);
+          (differs ? refined : even) += 1;
+        }
+        if (width > 1) {
+          EXPECT_GT(refined, rows * columns / 20);
+          EXPECT_GT(even, rows * columns / 5);
+        }
+      }
+    }
+  }
+}
+
 TEST(CameraShadows, AgreeWithTheOracle) {
   Random random(31);
   for (const bool with_mesh : {false, true}) {
@@ -316,9 +360,10 @@ TEST(CameraShortCuts, UprightPillarsHaveARampOfColours) {
 TEST(CameraLayout, ChannelFirstIsChannelLastTurned) {
   const Ring things = ring();
   for (const auto& [width, height] : {std::pair{1, 1}, {17, 3}, {33, 47}, {32, 16}}) {
-    for (const int samples : {1, 4}) {
+    for (const int samples : {1, 4, 9}) {
       CameraConfig camera = camera_of(width, height);
       camera.samples_per_pixel = samples;
+      camera.adaptive_samples = samples == 9;
       const std::vector<float> positions{0.3F, 0, 0, -0.4F, 0.2F, 0.5F};
       const auto shoot = [&](ImageLayout layout) {
         camera.layout = layout;
@@ -354,9 +399,10 @@ TEST(CameraLayout, ChannelFirstIsChannelLastTurned) {
 
 TEST(CameraOutputs, EachAloneEqualsItselfAmongAll) {
   const Ring things = ring();
-  for (const int samples : {1, 4}) {
+  for (const int samples : {1, 4, 9}) {
     CameraConfig camera = camera_of(33, 47);
     camera.samples_per_pixel = samples;
+    camera.adaptive_samples = samples == 9;
     const auto all = look(things.world, camera, {0.3F, 0.2F, 0});
     const CameraImages& every = all->camera(0).images();
     const auto alone = [&](const CameraOutputs& outputs) {

@@ -3,7 +3,7 @@
 #include <random>
 
 #include "base/platform.hpp"
-#include "batch_helpers.hpp"
+#include "meshes.hpp"
 #include "prepared/prepared_world.hpp"
 #include "ray_oracle.hpp"
 #include "trace/scene.hpp"
@@ -80,14 +80,7 @@ TriangleMesh hills(int n) {
       mesh.vertices.emplace_back(x, y, 0.7F * std::sin(2.1F * x) * std::cos(1.7F * y));
     }
   }
-  for (std::int32_t i = 0; i < n; ++i) {
-    for (std::int32_t j = 0; j < n; ++j) {
-      const std::int32_t a = i * (n + 1) + j;
-      const std::int32_t b = a + n + 1;
-      mesh.triangles.push_back({a, b, b + 1});
-      mesh.triangles.push_back({a, b + 1, a + 1});
-    }
-  }
+  add_squares(mesh, 0, n, n);
   return mesh;
 }
 
@@ -146,22 +139,14 @@ TEST(Raycast, FindsEachKindInAnyOrientation) {
   }
 }
 
-TEST(Raycast, FindsTrianglesWhereBruteForceDoes) {
-  for (unsigned seed = 10; seed < 13; ++seed) {
+TEST(Raycast, FindsTrianglesWhereBruteForceDoesAlsoAmongPrimitives) {
+  for (unsigned seed = 10; seed < 16; ++seed) {
     SCOPED_TRACE(seed);
     Random random(seed);
-    const auto world = make_world({}, {}, random_triangles(random, 150));
-    expect_like_oracle(*world, random_rays(random, 1500, 6.0F), 20.0F);
-  }
-}
-
-TEST(Raycast, FindsTheNearestOfPrimitivesAndTriangles) {
-  for (unsigned seed = 20; seed < 23; ++seed) {
-    SCOPED_TRACE(seed);
-    Random random(seed);
-    auto primitives = random_primitives(random, seed != 21);
-    const auto world = make_world(std::move(primitives), {}, random_triangles(random, 80));
-    expect_like_oracle(*world, random_rays(random, 1500, 5.5F), 20.0F);
+    const bool is_mixed = seed >= 13;
+    auto primitives = is_mixed ? random_primitives(random, seed != 14) : std::vector<Primitive>();
+    const auto world = make_world(std::move(primitives), {}, random_triangles(random, is_mixed ? 80 : 150));
+    expect_like_oracle(*world, random_rays(random, 1500, is_mixed ? 5.5F : 6.0F), 20.0F);
   }
 }
 
@@ -441,22 +426,13 @@ Rays fans_and_strays(Random& random, int places, float low, float high) {
   return rays;
 }
 
-TEST(RaycastBits, PrimitivesBesideAnyRays) {
+TEST(RaycastBits, PrimitivesAndTrianglesBesideAnyRays) {
   Random random(40);
-  const auto world = make_world(random_primitives(random, true));
-  expect_same_in_any_block(*world, fans_and_strays(random, 30, -2.0F, 2.0F), random);
-}
-
-TEST(RaycastBits, TrianglesBesideAnyRays) {
-  Random random(41);
-  const auto world = make_world({}, {}, hills(45));  // 4,050 triangles
-  expect_same_in_any_block(*world, fans_and_strays(random, 30, 1.0F, 3.0F), random);
-}
-
-TEST(RaycastBits, ScatteredTrianglesBesideAnyRays) {
-  Random random(42);
-  const auto world = make_world({}, {}, random_triangles(random, 3000));
-  expect_same_in_any_block(*world, fans_and_strays(random, 30, -2.0F, 2.0F), random);
+  for (const auto& [world, low, high] : {std::tuple(make_world(random_primitives(random, true)), -2.0F, 2.0F),
+                                         {make_world({}, {}, hills(45)), 1.0F, 3.0F},  // 4,050 triangles
+                                         {make_world({}, {}, random_triangles(random, 3000)), -2.0F, 2.0F}}) {
+    expect_same_in_any_block(*world, fans_and_strays(random, 30, low, high), random);
+  }
 }
 
 TEST(RaycastBits, RaysThroughSharedEdgesAndVertices) {

@@ -47,15 +47,17 @@ constexpr std::size_t kImage = 3 * 32 * 24;
 constexpr ObservationKind kKinds[] = {ObservationKind::blob, ObservationKind::pixels};
 
 // Mainly forward, with more left than right turns, so that drones reach goals, overshoot and hit walls.
-std::int64_t action_of(Random& random) {
-  const auto number = random.generator()() % 10;
-  return number < 5 ? 0 : number < 8 ? 1 : 2;
-}
-
 std::vector<std::int64_t> actions_of(Random& random, std::size_t count) {
   std::vector<std::int64_t> actions(count);
-  for (auto& action : actions) action = action_of(random);
+  for (auto& action : actions) {
+    const auto number = random.generator()() % 10;
+    action = number < 5 ? 0 : number < 8 ? 1 : 2;
+  }
   return actions;
+}
+
+void fly(Batch& batch, Random& random, int steps) {
+  for (int step = 0; step < steps; ++step) batch.step(actions_of(random, batch.state().active.size()));
 }
 
 bool same_observations(const Batch& a, const Batch& b) {
@@ -94,12 +96,10 @@ TEST(CameraNavigation, BlobAndRangesAreObserved) {
     EXPECT_EQ(batch.outputs().observation[0].columns(), 22U);
     batch.reset({});
     Random random(1);
-    std::vector<std::int64_t> actions(6);
     int seen = 0;
     task::ColorBlobScratch scratch;
     for (int step = 0; step < 60; ++step) {
-      for (auto& action : actions) action = action_of(random);
-      batch.step(std::span<const std::int64_t>(actions));
+      fly(batch, random, 1);
       for (std::size_t i = 0; i < 6; ++i) {
         const auto observation = batch.outputs().observation[0].row<float>(i);
         const auto blob = task::find_color(row(batch.camera(0).images().rgb, i, kImage), 32, 24, layout, ColorRange(), scratch);
@@ -150,12 +150,10 @@ TEST(CameraNavigation, PixelsAreTheCamerasImage) {
   batch.reset({});
   EXPECT_TRUE(same_bits(image(), rgb()));
   Random random(1);
-  std::vector<std::int64_t> actions(6);
   for (int step = 0; step < 60; ++step) {
     const AlignedVector<std::byte> previous = image();
     const std::byte* const there = image().data();
-    for (auto& action : actions) action = action_of(random);
-    batch.step(std::span<const std::int64_t>(actions));
+    fly(batch, random, 1);
     EXPECT_TRUE(same_bits(image(), rgb()));
     EXPECT_TRUE(same_bits(previous, std::span(there, previous.size()))) << "the previous images were written";
     const std::vector<float> ranges = values_of(batch.outputs().observation[1]);
@@ -174,12 +172,11 @@ TEST(CameraNavigation, TheLastImageOfAnEpisodeIsKeptBesideTheResetsOne) {
     for (Batch* each : {&kept, &batch, &next}) each->reset(seeds_from(3, kDrones));
     next.reset({});  // advances to the second episodes
     Random random(2);
-    std::vector<std::int64_t> actions(kDrones);
     std::size_t ended = 0;
     std::vector<std::uint8_t> over(kDrones, 0);
     for (int step = 0; step < 60; ++step) {
-      actions = actions_of(random, actions.size());
-      for (Batch* each : {&kept, &batch}) each->step(std::span<const std::int64_t>(actions));
+      const std::vector<std::int64_t> actions = actions_of(random, kDrones);
+      for (Batch* each : {&kept, &batch}) each->step(actions);
       for (std::size_t i = 0; i < kDrones; ++i) {
         if (over[i] || !(batch.outputs().terminated[i] || batch.outputs().truncated[i])) continue;
         over[i] = 1;
@@ -224,15 +221,14 @@ TEST(CameraNavigation, ASnapshotBringsTheImagesBack) {
     Batch batch = camera_batch(6, kind).make(parlours());
     batch.reset({});
     Random random(3);
-    std::vector<std::int64_t> actions(6, 0);
-    for (int step = 0; step < 5; ++step) batch.step(std::span<const std::int64_t>(actions));
+    for (int step = 0; step < 5; ++step) batch.step(std::vector<std::int64_t>(6, 0));
     const std::string blob = batch.snapshot();
     Batch other = camera_batch(6, kind).make(parlours());
     other.restore(blob);
     EXPECT_TRUE(same_drones(batch, other));
     for (int step = 0; step < 30; ++step) {
-      actions = actions_of(random, actions.size());
-      for (Batch* each : {&batch, &other}) each->step(std::span<const std::int64_t>(actions));
+      const std::vector<std::int64_t> actions = actions_of(random, 6);
+      for (Batch* each : {&batch, &other}) each->step(actions);
       ASSERT_TRUE(same_drones(batch, other)) << step;
     }
   }
@@ -251,15 +247,14 @@ TEST(FrameSkip, IsThatManyStepsOfTheSameAction) {
     Batch skipping = config.make(parlours());
     for (Batch* each : {&single, &skipping}) each->reset(seeds_from(9, kDrones));
     Random random(4);
-    std::vector<std::int64_t> actions(kDrones);
     int cut_short = 0;
     for (int step = 0; step < 30; ++step) {
-      for (auto& action : actions) action = action_of(random);
+      const std::vector<std::int64_t> actions = actions_of(random, kDrones);
       std::vector<double> reward(kDrones, 0.0);
       std::vector<double> terms(single.outputs().reward_terms.size(), 0.0);
       for (int k = 0; k < 3; ++k) {
         const AlignedVector<std::int64_t> before = single.outputs().episode_length;
-        single.step(std::span<const std::int64_t>(actions));
+        single.step(actions);
         for (std::size_t i = 0; i < kDrones; ++i) {
           reward[i] += static_cast<double>(single.outputs().reward[i]);
           const bool over = single.outputs().terminated[i] || single.outputs().truncated[i];
@@ -267,7 +262,7 @@ TEST(FrameSkip, IsThatManyStepsOfTheSameAction) {
         }
         for (std::size_t j = 0; j < terms.size(); ++j) terms[j] += static_cast<double>(single.outputs().reward_terms[j]);
       }
-      skipping.step(std::span<const std::int64_t>(actions));
+      skipping.step(actions);
       const Outputs& a = skipping.outputs();
       const Outputs& b = single.outputs();
       EXPECT_TRUE(same_observations(skipping, single)) << step;
@@ -320,6 +315,14 @@ TEST(FrameSkip, OnlyTheFirstOfAnActionIsAChange) {
 
 // -- Memory.
 
+std::uint64_t allocations_of_steps(Batch& batch, Random& random) {
+  std::vector<std::vector<std::int64_t>> steps;
+  for (int step = 0; step < 40; ++step) steps.push_back(actions_of(random, batch.state().active.size()));
+  const std::uint64_t before = allocations();
+  for (const std::vector<std::int64_t>& actions : steps) batch.step(actions);
+  return allocations() - before;
+}
+
 TEST(CameraNavigation, AStepAllocatesNothing) {
   for (const ObservationKind kind : kKinds) {
     for (const AutoresetMode mode : kAutoresetModes) {
@@ -328,17 +331,8 @@ TEST(CameraNavigation, AStepAllocatesNothing) {
       Batch batch = config.make(parlours());
       batch.reset({});
       Random random(5);
-      std::vector<std::int64_t> actions(24);
-      const auto fly = [&](int steps) {
-        for (int step = 0; step < steps; ++step) {
-          for (auto& action : actions) action = action_of(random);
-          batch.step(std::span<const std::int64_t>(actions));
-        }
-      };
-      fly(40);
-      const std::uint64_t before = allocations();
-      fly(40);
-      EXPECT_EQ(allocations() - before, 0U);
+      fly(batch, random, 40);
+      EXPECT_EQ(allocations_of_steps(batch, random), 0U);
     }
   }
 }
@@ -360,23 +354,14 @@ TEST(CameraNavigation, AStepWithConvertedImagesAllocatesNothingAndHasTheSameBits
       Batch batch = config.make(parlours());
       batch.reset({});
       Random random(5);
-      std::vector<std::int64_t> actions(24);
-      std::vector<float> seen;
-      const auto fly = [&](int steps, bool look) {
-        for (int step = 0; step < steps; ++step) {
-          for (auto& action : actions) action = action_of(random);
-          batch.step(std::span<const std::int64_t>(actions));
-          if (!look) continue;
-          const auto row = batch.outputs().observation[0].row<float>(7);
-          seen.insert(seen.end(), row.begin(), row.end());
-        }
-      };
-      fly(40, false);
-      const std::uint64_t before = allocations();
-      fly(40, false);
-      EXPECT_EQ(allocations() - before, 0U) << threads;
-      fly(40, true);
-      observed.push_back(seen);
+      fly(batch, random, 40);
+      EXPECT_EQ(allocations_of_steps(batch, random), 0U) << threads;
+      observed.emplace_back();
+      for (int step = 0; step < 40; ++step) {
+        fly(batch, random, 1);
+        const auto row = batch.outputs().observation[0].row<float>(7);
+        observed.back().insert(observed.back().end(), row.begin(), row.end());
+      }
       images.push_back(batch.camera(0).images());
       EXPECT_EQ(images.back().hsv.size(), std::size_t{24 * 3 * 20 * 18});
       EXPECT_EQ(batch.camera(1).images().hsv.size(), std::size_t{24 * 3 * 16 * 12});
@@ -424,10 +409,9 @@ TEST(CameraNavigation, OnMovementIsEveryStepToTheBit) {
     Batch moving = config.make(parlours());
     for (Batch* each : {&every, &moving}) each->reset({});
     Random random(6);
-    std::vector<std::int64_t> actions(8);
     for (int step = 0; step < 60; ++step) {
-      actions = actions_of(random, actions.size());
-      for (Batch* each : {&every, &moving}) each->step(std::span<const std::int64_t>(actions));
+      const std::vector<std::int64_t> actions = actions_of(random, 8);
+      for (Batch* each : {&every, &moving}) each->step(actions);
       EXPECT_TRUE(same_observations(every, moving));
     }
   }

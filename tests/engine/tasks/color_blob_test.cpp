@@ -371,23 +371,6 @@ TEST(ColorBlob, GreenByItsRangeIsGreenByItsOwnKernel) {
   }
 }
 
-TEST(ColorComponents, HaveBoxCentreAndArea) {
-  Image image(20, 10, ImageLayout::hwc);
-  for (int x = 3; x < 7; ++x) image.set(x, 2, {0, 200, 0});  // touches the next pixel at a corner
-  image.set(7, 3, {0, 200, 0});
-  image.set(15, 8, {0, 200, 0});
-  const imaging::ColorComponents found = imaging::find_components(image.bytes, 20, 10, image.layout, ColorRange());
-  ASSERT_EQ(found.list.size(), 2U);
-  const imaging::ColorComponent& first = found.list[0];
-  EXPECT_EQ((std::array{first.x, first.y, first.width, first.height, first.area}), (std::array{3, 2, 5, 2, 5}));
-  EXPECT_DOUBLE_EQ(first.center_x, 5.5);
-  EXPECT_DOUBLE_EQ(first.center_y, 2.7);
-  EXPECT_EQ((std::array{found.list[1].x, found.list[1].y, found.list[1].area}), (std::array{15, 8, 1}));
-  EXPECT_EQ(found.labels[2 * 20 + 3], 1);
-  EXPECT_EQ(found.labels[8 * 20 + 15], 2);
-  EXPECT_EQ(std::ranges::count(found.labels, 0), 194);
-}
-
 TEST(ColorRange, RefusesInvalidRanges) {
   EXPECT_NO_THROW(ColorRange().validate());
   EXPECT_NO_THROW((ColorRange{ColorSpace::hsv, {170, 0, 0}, {10, 255, 255}}.validate()));

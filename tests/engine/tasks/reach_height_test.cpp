@@ -1,7 +1,7 @@
 // An external task, tests/tasks/reach_height.cpp, in a batch.
 #include "../tasks/reach_height.cpp"
 
-#include "batch_helpers.hpp"
+#include "episodes.hpp"
 
 namespace flockstep {
 namespace {
@@ -18,13 +18,17 @@ Batch::Worlds shafts() {
   return worlds;
 }
 
-BatchConfig config_of(std::size_t num_envs, AutoresetMode mode = AutoresetMode::disabled) {
-  BatchConfig config{.num_envs = static_cast<int>(num_envs), .num_threads = 1};
+struct ReachHeightBatch : BatchConfig {
+  Batch make(Batch::Worlds worlds = shafts()) const {
+    return Batch(*this, std::move(worlds), std::unique_ptr<Task>(flockstep_make_task()));
+  }
+};
+
+ReachHeightBatch config_of(std::size_t num_envs, AutoresetMode mode = AutoresetMode::disabled) {
+  ReachHeightBatch config{{.num_envs = static_cast<int>(num_envs), .num_threads = 1}};
   config.episode.autoreset_mode = mode;
   return config;
 }
-
-Batch make(const BatchConfig& config) { return Batch(config, shafts(), std::unique_ptr<Task>(flockstep_make_task())); }
 
 // Mainly upwards, with random sideways motion.
 std::vector<float> random_actions(Random& random, std::size_t num_envs) {
@@ -48,7 +52,7 @@ TEST(ReachHeight, SaysWhatItIs) {
 }
 
 TEST(ReachHeight, ClimbingArrives) {
-  Batch batch = make(config_of(1));
+  Batch batch = config_of(1).make();
   batch.reset({});
   EXPECT_EQ(values_of(batch.outputs().observation[0]), (std::vector<float>{2, 1}));
   for (int step = 1; step <= 8; ++step) {
@@ -68,7 +72,7 @@ TEST(ReachHeight, ClimbingArrives) {
 
 TEST(ReachHeight, ATenthOfAMetreOffCounts) {
   for (const float off : {0.125F, 0.0625F, -0.0625F, -0.125F}) {
-    Batch batch = make(config_of(1));
+    Batch batch = config_of(1).make();
     batch.reset({});
     batch.set_pose(std::vector<float>{0, 0, 3.0F - off}, {});
     batch.step(std::vector<float>{0, 0, 0});
@@ -78,7 +82,7 @@ TEST(ReachHeight, ATenthOfAMetreOffCounts) {
 }
 
 TEST(ReachHeight, AContactEndsTheEpisode) {
-  Batch batch = make(config_of(1));
+  Batch batch = config_of(1).make();
   batch.reset({});
   for (int step = 1; step <= 6 && !batch.outputs().terminated[0]; ++step) batch.step(std::vector<float>{9, 0, 0});
   EXPECT_TRUE(batch.outputs().terminated[0]);
@@ -89,9 +93,9 @@ TEST(ReachHeight, AContactEndsTheEpisode) {
 }
 
 TEST(ReachHeight, ItsLimitHoldsIfTheBatchSetsNone) {
-  BatchConfig config = config_of(1);
+  ReachHeightBatch config = config_of(1);
   const auto length_of = [&] {
-    Batch batch = make(config);
+    Batch batch = config.make();
     batch.reset({});
     while (!batch.outputs().truncated[0]) batch.step(std::vector<float>{0, 0, 0});
     return batch.outputs().episode_length[0];
@@ -104,7 +108,7 @@ TEST(ReachHeight, ItsLimitHoldsIfTheBatchSetsNone) {
 TEST(ReachHeight, IsResetInEveryMode) {
   for (const AutoresetMode mode : {AutoresetMode::next_step, AutoresetMode::same_step, AutoresetMode::disabled}) {
     SCOPED_TRACE(static_cast<int>(mode));
-    Batch batch = make(config_of(kEnvs, mode));
+    Batch batch = config_of(kEnvs, mode).make();
     batch.reset({});
     Random random(1);
     std::vector<std::uint8_t> ended(kEnvs);
@@ -145,42 +149,24 @@ TEST(ReachHeight, IsResetInEveryMode) {
 }
 
 TEST(ReachHeight, AnEnvOfManyEqualsASingleEnv) {
-  BatchConfig config = config_of(kEnvs, AutoresetMode::same_step);
-  config.num_threads = 3;
-  config.block_size = 2;
+  ReachHeightBatch config = config_of(kEnvs, AutoresetMode::same_step);
   config.pose_sensor.position_noise_std_m = 0.01F;
   config.episode.frame_skip = 2;
+  config.episode.max_episode_steps = 40;
   config.clock.physics_hz = 3.0F * config.clock.policy_hz;
-  Batch many = make(config);
-  const std::vector<std::uint64_t> seeds = seeds_from(40, kEnvs);
-  many.reset(seeds);
-  config.num_envs = config.num_threads = 1;
-  std::vector<std::unique_ptr<Batch>> alone;
-  for (std::size_t env = 0; env < kEnvs; ++env) {
-    alone.push_back(
-        std::make_unique<Batch>(config, Batch::Worlds{shafts()[env % 2]}, std::unique_ptr<Task>(flockstep_make_task())));
-    alone[env]->reset(std::span(seeds).subspan(env, 1));
-  }
-  Random random(2);
-  for (int step = 0; step < 100; ++step) {
-    const std::vector<float> actions = random_actions(random, kEnvs);
-    many.step(actions);
-    for (std::size_t env = 0; env < kEnvs; ++env) {
-      alone[env]->step(row(actions, env, 3));
-      ASSERT_TRUE(same_drone(many, env, *alone[env], 0)) << "step " << step;
-    }
-  }
+  const auto own = [](std::size_t env) { return Batch::Worlds{shafts()[env % 2]}; };
+  expect_many_equal_single(config, shafts(), own, 100, [](Random& random) { return random_actions(random, kEnvs); });
 }
 
 TEST(ReachHeight, RestoredIsUninterrupted) {
   for (const AutoresetMode mode : {AutoresetMode::next_step, AutoresetMode::same_step}) {
-    Batch one = make(config_of(kEnvs, mode));
+    Batch one = config_of(kEnvs, mode).make();
     one.reset({});
     Random random(3);
     for (int step = 0; step < 23; ++step) one.step(random_actions(random, kEnvs));
     one.remove(std::vector<std::int64_t>{4});
     const std::string blob = one.snapshot();
-    Batch other = make(config_of(kEnvs, mode));
+    Batch other = config_of(kEnvs, mode).make();
     other.restore(blob);
     EXPECT_TRUE(other.snapshot() == blob);
     for (const char* array : {"target", "last"}) {
@@ -198,7 +184,7 @@ TEST(ReachHeight, RestoredIsUninterrupted) {
 }
 
 TEST(ReachHeight, ASpawnedDroneRisesFromItsPosition) {
-  Batch batch = make(config_of(3));
+  Batch batch = config_of(3).make();
   batch.reset({});
   batch.remove(std::vector<std::int64_t>{1});
   EXPECT_EQ(batch.outputs().observation[0].row<float>(1)[0], 0.0F);
@@ -210,7 +196,7 @@ TEST(ReachHeight, ASpawnedDroneRisesFromItsPosition) {
 }
 
 TEST(ReachHeight, InvalidInputIsRefused) {
-  Batch batch = make(config_of(2));
+  Batch batch = config_of(2).make();
   EXPECT_THROW(batch.step(std::vector<float>(6)), std::logic_error) << "before the first reset";
   batch.reset({});
   const std::string before = batch.snapshot();

@@ -239,7 +239,7 @@ Everything trace_everything() {
       std::vector<float> normalised(count);
       const float max_range_m = random.within(1.0F, 9.0F);
       task::normalise(ranges, max_range_m, normalised.data());
-      const task::Clearance clearance = task::clearance_of(ranges, max_range_m);
+      const task::ScanClearance clearance = task::clearance_of(ranges, max_range_m);
       all.normalised.insert(all.normalised.end(), normalised.begin(), normalised.end());
       all.clearance.push_back(clearance.nearest);
       all.clearance.push_back(clearance.sum);

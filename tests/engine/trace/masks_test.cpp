@@ -5,7 +5,6 @@
 #include "meshes.hpp"
 #include "on_target.hpp"
 #include "picture_oracle.hpp"
-#include "render/textures.hpp"
 
 namespace flockstep {
 namespace {
@@ -227,10 +226,7 @@ TEST(Masks, EverySimdTargetThreadAndNeighbourGivesTheSameBits) {
   const auto first = pictures(1, 1);
   EXPECT_EQ(pictures(5, 1), first);
   EXPECT_EQ(pictures(7, 3), first);
-  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
-    const OnTarget on(target);
-    EXPECT_EQ(pictures(1, 1), first) << hwy::TargetName(target);
-  }
+  on_every_target([&] { EXPECT_EQ(pictures(1, 1), first); });
 }
 
 TEST(Masks, AreMadeOnlyForTransparentTriangles) {
@@ -257,29 +253,6 @@ TEST(Masks, AreMadeOnlyForTransparentTriangles) {
   };
   EXPECT_TRUE(masks(barely(0.996F)).empty());
   EXPECT_TRUE(masks(barely(0.997F)).lets_through(0, 0.2F, 0.3F));
-}
-
-// Transparent texels do not contribute colour to coarser levels. If all texels are transparent, the colour is their plain mean.
-TEST(Masks, LevelsAreMeansByAlpha) {
-  Texture image = patches(13, 6, 1, 3, {TextureWrap::repeat, TextureWrap::repeat}, true);
-  for (std::size_t texel : {0U, 1U, 13U, 14U, 30U}) image.rgba[4 * texel + 3] = 0;
-  const render::Textures textures(std::vector<Texture>{image}, {true});
-  const auto levels = oracle::mip_levels(image, true);
-  ASSERT_EQ(textures.num_levels, std::vector<std::int32_t>{static_cast<std::int32_t>(levels.size())});
-  for (std::size_t level = 0; level < levels.size(); ++level) {
-    for (int row = 0; row < levels[level].height; ++row) {
-      for (int column = 0; column < levels[level].width; ++column) {
-        const std::uint32_t texel =
-            textures.texels[static_cast<std::size_t>(textures.offset[level] + row * textures.width[level] + column)];
-        for (Eigen::Index c = 0; c < 3; ++c) {
-          const int byte = static_cast<int>(texel >> (8 * c) & 0xFF);
-          EXPECT_NEAR(byte, oracle::rounded_to_byte(levels[level].at(row, column)[c]), level == 0 ? 0 : 1) << level;
-        }
-        const double alpha = levels[level].alpha[static_cast<std::size_t>(row * levels[level].width + column)];
-        EXPECT_NEAR(static_cast<double>(texel >> 24U), alpha, level == 0 ? 0 : 1) << level;
-      }
-    }
-  }
 }
 
 TEST(Masks, BadCutoffsAreRefused) {

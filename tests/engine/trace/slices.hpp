@@ -163,14 +163,7 @@ inline TriangleMesh lattice(int half, float step, bool with_boxes) {
           mesh.vertices.push_back(corner);
         }
       }
-      const int across = 2 * half + 1;
-      for (int row = 0; row < 2 * half; ++row) {
-        for (int column = 0; column < 2 * half; ++column) {
-          const std::int32_t at = first + row * across + column;
-          mesh.triangles.push_back({at, at + 1, at + across + 1});
-          mesh.triangles.push_back({at, at + across + 1, at + across});
-        }
-      }
+      add_squares(mesh, first, 2 * half, 2 * half);
     }
   }
   complete(mesh);

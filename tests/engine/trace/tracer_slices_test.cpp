@@ -18,12 +18,9 @@ using namespace testing;
 
 constexpr int kFanDrones = 6;
 
-LidarConfig fan_of(const char* name, int beams, float hfov_deg, float range_m) {
-  LidarConfig config;
-  config.name = name;
-  config.beams = beams;
-  config.hfov_deg = hfov_deg;
-  config.max_range_m = range_m;
+LidarConfig fan_of(const char* name, int beams, float hfov_deg, float range_m, int channels = 1, float vfov_deg = 0.0F) {
+  LidarConfig config{
+      .name = name, .channels = channels, .beams = beams, .hfov_deg = hfov_deg, .vfov_deg = vfov_deg, .max_range_m = range_m};
   config.offset_m = {0.1F, -0.05F, 0.02F};
   return config;
 }
@@ -36,13 +33,14 @@ LidarConfig spaced_fan(const char* name, int beams, float between_m) {
 
 // One LiDAR of each kind whose beams all lie in fans.
 std::vector<LidarConfig> fans() {
-  std::vector<LidarConfig> all{fan_of("default", 35, 270.0F, 3.0F), fan_of("around", 72, 360.0F, 10.0F),
-                               fan_of("mounted", 20, 180.0F, 5.0F), fan_of("many", 600, 360.0F, 20.0F),
-                               fan_of("vertical", 1, 1.0F, 12.0F),  fan_of("uneven", 35, 270.0F, 15.0F),
+  std::vector<LidarConfig> all{fan_of("default", 35, 270.0F, 3.0F),
+                               fan_of("around", 72, 360.0F, 10.0F),
+                               fan_of("mounted", 20, 180.0F, 5.0F),
+                               fan_of("many", 600, 360.0F, 20.0F),
+                               fan_of("vertical", 1, 1.0F, 12.0F, 48, 150.0F),
+                               fan_of("uneven", 35, 270.0F, 15.0F),
                                fan_of("leaning", 35, 270.0F, 8.0F)};
   all[2].quat_wxyz = {0.6F, 0.48F, -0.64F, 0.0F};
-  all[4].channels = 48;
-  all[4].vfov_deg = 150.0F;
   Random random(2);
   for (int i = 0; i < 50; ++i) {
     all[5].azimuth_deg.push_back(random.within(-180, 180));
@@ -66,6 +64,12 @@ std::unique_ptr<Batch> sense_by(const std::shared_ptr<const World>& world, Trace
   batch->set_pose(poses.position, poses.quat_wxyz);
   batch->sense();
   return batch;
+}
+
+void expect_same_ranges(const Batch& a, const Batch& b) {
+  for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
+    EXPECT_TRUE(same_bits(a.lidar(lidar).readings().ranges, b.lidar(lidar).readings().ranges)) << fans()[lidar].name;
+  }
 }
 
 // In the drones' way.
@@ -93,20 +97,14 @@ TEST_P(TracerSlices, AgreeWithAnOracleAndEmbree) {
 
 TEST_P(TracerSlices, DoNotSeeMarkers) {
   const auto seen = sense_by(hills_under(GetParam(), kMarkers), TracerKind::slices, fans());
-  const auto expected = sense_by(hills_under(GetParam()), TracerKind::slices, fans());
-  for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
-    EXPECT_TRUE(same_bits(seen->lidar(lidar).readings().ranges, expected->lidar(lidar).readings().ranges)) << fans()[lidar].name;
-  }
+  expect_same_ranges(*seen, *sense_by(hills_under(GetParam()), TracerKind::slices, fans()));
 }
 
 TEST_P(TracerSlices, SameBitsInAnyBatch) {
   const auto world = hills_under(GetParam(), kMarkers);
   const auto batch = sense_by(world, TracerKind::slices, fans());
   for (const auto& [threads, block_size] : {std::pair{2, 1}, std::pair{1, 3}}) {
-    const auto other = sense_by(world, TracerKind::slices, fans(), threads, block_size);
-    for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
-      EXPECT_TRUE(same_bits(batch->lidar(lidar).readings().ranges, other->lidar(lidar).readings().ranges)) << fans()[lidar].name;
-    }
+    expect_same_ranges(*batch, *sense_by(world, TracerKind::slices, fans(), threads, block_size));
   }
   BatchConfig config = batch->config();
   config.num_envs = 1;
@@ -261,9 +259,7 @@ TEST(TracerSlicesOf, TheWalkOfTheLastScanDoesNotMatter) {
 // Only one of three channels lies in a plane; Embree traces the others.
 TEST(TracerSlicesOf, OneChannelOfThreeAgreeWithAnOracle) {
   const auto world = hills_under(5);
-  std::vector three{fan_of("three", 60, 270.0F, 20.0F)};
-  three[0].channels = 3;
-  three[0].vfov_deg = 40.0F;
+  const std::vector three{fan_of("three", 60, 270.0F, 20.0F, 3, 40.0F)};
   const auto slices = sense_by(world, TracerKind::slices, three), tiles = sense_by(world, TracerKind::tiles, three);
   ScanTally tally;
   tally.compare(*world, {slices.get(), tiles.get()}, 1);
@@ -280,26 +276,16 @@ TEST(TracerSlicesOf, OneChannelOfThreeAgreeWithAnOracle) {
 TEST(TracerSlicesOf, HaveTheSameBitsOnEverySimdTarget) {
   const auto world = hills_under(5);
   const auto first = sense_by(world, TracerKind::slices, fans());
-  const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
-  ASSERT_GT(targets.size(), 1U);
-  for (const std::int64_t target : targets) {
-    SCOPED_TRACE(hwy::TargetName(target));
-    const OnTarget on(target);
-    const auto same = sense_by(world, TracerKind::slices, fans());
-    for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
-      EXPECT_TRUE(same_bits(first->lidar(lidar).readings().ranges, same->lidar(lidar).readings().ranges)) << fans()[lidar].name;
-    }
-  }
+  ASSERT_GT(hwy::SupportedAndGeneratedTargets().size(), 1U);
+  on_every_target([&] { expect_same_ranges(*first, *sense_by(world, TracerKind::slices, fans())); });
 }
 
 TEST(TracerSlicesOf, WorldsWithoutTrianglesDoNotUseThem) {
   const auto world = make_world({primitive(PrimitiveKind::room, {0, 0, 3}, {12, 12, 4}),
                                  primitive(PrimitiveKind::sphere, {3, 1, 2}, Vec3::Constant(0.5F))});
-  const auto slices = sense_by(world, TracerKind::slices, fans()), tiles = sense_by(world, TracerKind::tiles, fans());
+  const auto slices = sense_by(world, TracerKind::slices, fans());
+  expect_same_ranges(*slices, *sense_by(world, TracerKind::tiles, fans()));
   EXPECT_EQ(prepared(*world).scene().tiles(), nullptr);
-  for (std::size_t lidar = 0; lidar < fans().size(); ++lidar) {
-    EXPECT_TRUE(same_bits(slices->lidar(lidar).readings().ranges, tiles->lidar(lidar).readings().ranges)) << fans()[lidar].name;
-  }
 }
 
 // A changed LiDAR measures the same as one made with these settings.
@@ -371,14 +357,9 @@ TEST(TracerSlicesOf, PatternsInAPlaneHaveFans) {
   EXPECT_EQ(fans_in(fan_of("in parts", 257, 360.0F, 3.0F)).beams, (Beams{128, 129}));
   EXPECT_EQ(fans_in(fan_of("in parts", 600, 360.0F, 3.0F)).beams, (Beams{200, 200, 200}));
 
-  LidarConfig vertical = fan_of("vertical", 1, 1.0F, 3.0F);
-  vertical.channels = 300;
-  vertical.vfov_deg = 170.0F;
-  EXPECT_EQ(fans_in(vertical).beams, (Beams{150, 150}));
+  EXPECT_EQ(fans_in(fan_of("vertical", 1, 1.0F, 3.0F, 300, 170.0F)).beams, (Beams{150, 150}));
 
-  LidarConfig three = fan_of("three", 60, 270.0F, 3.0F);
-  three.channels = 3;
-  three.vfov_deg = 30.0F;
+  LidarConfig three = fan_of("three", 60, 270.0F, 3.0F, 3, 30.0F);
   EXPECT_EQ(fans_in(three).beams, Beams{60});
   EXPECT_EQ(fans_in(three).others, 120U);
   three.vfov_deg = 0.0F;
@@ -386,9 +367,7 @@ TEST(TracerSlicesOf, PatternsInAPlaneHaveFans) {
 }
 
 TEST(TracerSlicesOf, ConesAndGridsHaveNoFans) {
-  LidarConfig cones = fan_of("cones", 60, 270.0F, 3.0F);
-  cones.channels = 2;
-  cones.vfov_deg = 20.0F;
+  LidarConfig cones = fan_of("cones", 60, 270.0F, 3.0F, 2, 20.0F);
   EXPECT_TRUE(fans_in(cones).beams.empty());
   cones.channels = 5;  // one of them is level
   EXPECT_TRUE(fans_in(cones).beams.empty());

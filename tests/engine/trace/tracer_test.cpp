@@ -333,7 +333,7 @@ TEST(Bodies, AreNumberedFromTheFirstElement) {
   append_shapes(bodies, shapes);
   tracer->trace_block(scene, shapes);
   for (int i = 0; i < 4; ++i) EXPECT_EQ(tracer->block().element[i], rays.element[i]);
-  tracer->trace_shadows(scene, shapes);
+  tracer->trace_shadows(scene, true, shapes);
   EXPECT_LT(tracer->block().t_hit[0], kInfinity);
   EXPECT_LT(tracer->block().t_hit[1], kInfinity);
   EXPECT_EQ(tracer->block().t_hit[3], kInfinity);

@@ -207,16 +207,13 @@ TEST(TracerTilesOf, WorldsWithoutTrianglesDoNotUseThem) {
 TEST(TracerTilesOf, HaveTheSameBitsOnEverySimdTarget) {
   const auto world = hills_under(5);
   const auto first = make_batch(world, TracerKind::tiles);
-  const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
-  ASSERT_GT(targets.size(), 1U);
-  for (const std::int64_t target : targets) {
-    SCOPED_TRACE(hwy::TargetName(target));
-    const OnTarget on(target);
+  ASSERT_GT(hwy::SupportedAndGeneratedTargets().size(), 1U);
+  on_every_target([&] {
     // A separate world, because the shading data of its triangles is computed once per world.
     const auto same = make_batch(hills_under(5), TracerKind::tiles);
     EXPECT_TRUE(same_bits(first->lidar().readings().ranges, same->lidar().readings().ranges));
     EXPECT_TRUE(same_arrays(first->camera(0).images(), same->camera(0).images()));
-  }
+  });
 }
 
 TEST(TracerTilesOf, SeveralBatchesShareATree) {

@@ -151,20 +151,12 @@ TEST(ContentHash, IsOfTheContentNotOfTheNameOrTheFile) {
   EXPECT_EQ(World(scene).content_hash(), world.content_hash()) << "in canonical order boxes come before spheres";
 }
 
-TEST(ContentHash, DistinguishesSunsInTheSky) {
+TEST(ContentHash, DistinguishesSunsInTheSkyAndFogs) {
   SceneDescription scene = full();
   std::set<std::uint64_t> seen{World(scene).content_hash()};
-  for (const auto& [radius, glow] : {std::pair{1.0F, 0.0F}, {0.0F, 1.0F}, {1.0F, 1.0F}, {2.0F, 1.0F}}) {
+  for (const auto& [radius, glow, fog] : std::vector<std::array<float, 3>>{
+           {1, 0, 0}, {0, 1, 0}, {1, 1, 0}, {2, 1, 0}, {0, 0, 1}, {0, 1, 1}, {0, 1, 30}, {0, 0, 30}}) {
     scene.light.sun_radius_deg = radius;
-    scene.light.sun_glow = glow;
-    EXPECT_TRUE(seen.insert(World(scene).content_hash()).second);
-  }
-}
-
-TEST(ContentHash, DistinguishesFogs) {
-  std::set<std::uint64_t> seen{World(full()).content_hash()};
-  for (const auto& [glow, fog] : {std::pair{0.0F, 1.0F}, {1.0F, 0.0F}, {1.0F, 1.0F}, {1.0F, 30.0F}, {0.0F, 30.0F}}) {
-    SceneDescription scene = full();
     scene.light.sun_glow = glow;
     scene.light.fog_visibility_m = fog;
     EXPECT_TRUE(seen.insert(World(scene).content_hash()).second);

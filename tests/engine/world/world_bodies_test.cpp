@@ -96,8 +96,7 @@ TEST(WorldBodies, ABuilderAddsThem) {
 
 TEST(WorldBodies, EveryFormatBringsThemBack) {
   const auto world = world_with(three_bodies());
-  const auto folder = std::filesystem::path(::testing::TempDir()) / "world_bodies";
-  std::filesystem::create_directories(folder);
+  const TempFolder folder;
   std::vector<std::shared_ptr<const World>> again{World::from_json(world->to_json()), World::from_bytes(world->to_bytes())};
   for (const char* name : {"bodies.json", "bodies.glb", "bodies.gltf"}) {
     world->save(folder / name);
@@ -108,7 +107,6 @@ TEST(WorldBodies, EveryFormatBringsThemBack) {
     EXPECT_EQ(other->content_hash(), world->content_hash());
     EXPECT_EQ(other->to_json(), world->to_json());
   }
-  std::filesystem::remove_all(folder);
 }
 
 TEST(WorldBodies, EveryFieldIsPartOfTheHash) {
@@ -183,8 +181,7 @@ TEST(WorldBodies, BadFilesAreRefused) {
 
 TEST(WorldBodies, ArePlacedWithTheirWorld) {
   const auto world = world_with(three_bodies());
-  const auto folder = std::filesystem::path(::testing::TempDir()) / "placed_bodies";
-  std::filesystem::create_directories(folder);
+  const TempFolder folder;
   for (const char* name : {"bodies.json", "bodies.glb"}) {
     world->save(folder / name);
     const auto twice = World::load(folder / name, {.scale = 2.0, .origin = {10, 20, 30}});
@@ -208,7 +205,6 @@ TEST(WorldBodies, ArePlacedWithTheirWorld) {
   EXPECT_EQ(turned.position_m, (std::array{1.1F, 3.3F, 2.2F}));
   EXPECT_EQ(turned.motion.box_min_m, (std::array{-1.0F, -3.0F, -2.0F}));
   EXPECT_EQ(turned.motion.box_max_m, (std::array{1.0F, 3.0F, 2.0F}));
-  std::filesystem::remove_all(folder);
 }
 
 const Quat kAskew = Quat(0.9F, 0.1F, -0.3F, 0.4F).normalized();

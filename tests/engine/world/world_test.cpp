@@ -205,11 +205,10 @@ TEST(World, LoadNamesTheInvalidFile) {
 }
 
 TEST(World, SavesAndLoads) {
-  const std::filesystem::path path = std::filesystem::path(::testing::TempDir()) / "flockstep_world_test.json";
+  const TempFolder folder;
   const World world(valid());
-  world.save(path);
-  EXPECT_EQ(World::load(path)->to_json(), world.to_json());
-  std::filesystem::remove(path);
+  world.save(folder / "a.json");
+  EXPECT_EQ(World::load(folder / "a.json")->to_json(), world.to_json());
   EXPECT_THROW(world.save("/no-such-folder/a.json"), std::invalid_argument);
 }
 
@@ -230,7 +229,8 @@ TEST(World, AFileIsReplacedAsAWholeOrNotAtAll) {
 }
 
 TEST(World, LoadsABareMesh) {
-  const std::filesystem::path path = std::filesystem::path(::testing::TempDir()) / "flockstep_world_test.obj";
+  const TempFolder folder;
+  const std::filesystem::path path = folder / "flockstep_world_test.obj";
   std::ofstream(path) << "v 0 0 0\nv 1 0 0\nv 0 2 0\nf 1 2 3\n";
   const auto world = World::load(path);
   EXPECT_EQ(world->name(), "flockstep_world_test");
@@ -238,7 +238,6 @@ TEST(World, LoadsABareMesh) {
 
   std::ofstream(path) << "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n";
   EXPECT_REFUSED(World::load(path), path.string() + ": ... triangle");
-  std::filesystem::remove(path);
 }
 
 }  // namespace

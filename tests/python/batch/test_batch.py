@@ -205,8 +205,7 @@ class TestFork:
             return scan()
 
         expected = scan()
-        for array, found in zip(expected, self.in_child(use), strict=True):
-            np.testing.assert_array_equal(found, array)
+        np.testing.assert_equal(expected, self.in_child(use))
         assert np.isfinite(expected[0]).any()
         assert expected[1].any()
 
@@ -234,8 +233,7 @@ class TestSnapshot:
         batch.move(batch.position + np.float32([0.5, 0, 0]))
         batch.sense()
         batch.restore(blob)
-        for array, expected in zip([batch.position, batch.lidar().ranges, batch.episode], before, strict=True):
-            np.testing.assert_array_equal(array, expected)
+        np.testing.assert_equal([batch.position, batch.lidar().ranges, batch.episode], before)
 
     def test_is_refused_by_another_batch(self, batch, room):
         with refused(ValueError, "snapshot"):

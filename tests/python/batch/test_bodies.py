@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from conftest import begun, world_of
 from gymnasium import spaces
 from messages import refused
 
@@ -255,7 +256,7 @@ FAST = {
 
 @pytest.mark.parametrize("motion", FAST.values(), ids=FAST)
 def test_scripts_that_contacts_could_not_follow_are_refused(motion):
-    world = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0] * 3, "max": [20, 20, 10]}})
+    world = world_of(room={"min": [0] * 3, "max": [20, 20, 10]})
     fast = BodyConfig(shape="sphere", size_m=[0.5] * 3, position_m=[10, 10, 5], motion=motion)
     slow = flockstep.ClockConfig(policy_hz=10)
     with refused(ValueError, "too fast for contacts", 10, "physics_hz to") as caught:
@@ -267,14 +268,13 @@ def test_scripts_that_contacts_could_not_follow_are_refused(motion):
         batch.bodies.spawn(fast)
     assert not batch.bodies.active.any()
     enough = float(str(caught.value).split("physics_hz to ")[1].split()[0])
-    flockstep.Batch(
-        [world], 1, bodies=[fast], clock=flockstep.ClockConfig(policy_hz=10, physics_hz=10 * round(enough / 10 + 0.5))
-    )
+    clock = flockstep.ClockConfig(policy_hz=10, physics_hz=10 * round(enough / 10 + 0.5))
+    flockstep.Batch([world], 1, bodies=[fast], clock=clock)
 
 
 def test_a_fast_body_hits_what_stands_in_its_way():
     """A ball flies around its circle of 5 m in 0.4 s and meets the drone in every turn."""
-    world = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0] * 3, "max": [20, 20, 10]}})
+    world = world_of(room={"min": [0] * 3, "max": [20, 20, 10]})
     motion = BodyMotion(kind="orbit", period_s=0.4, center_m=[10, 10, 5])
     ball = BodyConfig(shape="sphere", size_m=[0.5] * 3, position_m=[15, 10, 5], motion=motion)
     clock = flockstep.ClockConfig(policy_hz=10, physics_hz=1000)
@@ -290,8 +290,7 @@ def test_a_fast_body_hits_what_stands_in_its_way():
 
 
 def flown(num_envs, steps=60, **keywords):
-    env = flockstep.DroneVectorEnv(num_envs, task=Seek(), **keywords)
-    env.reset(seed=3)
+    env = begun(num_envs, task=Seek(), **keywords, seed=3)
     rows = []
     for step in range(steps):
         action = np.stack([np.sin([step + i, 2 * step, 3]) for i in range(num_envs)]).astype(np.float32)
@@ -388,10 +387,7 @@ class TestPictures:
     @pytest.mark.parametrize("view", ["top", "third_person", ((3, 10, 2), (9, 10, 2))])
     def test_an_env_draws_its_bodies(self, view):
         task = flockstep.DodgeConfig()
-        envs = flockstep.DroneVectorEnv(
-            2, task=task, worlds=room(), max_bodies=1, render_mode="rgb_array", render_view=view
-        )
-        envs.reset(seed=0)
+        envs = begun(2, task=task, worlds=room(), max_bodies=1, render_mode="rgb_array", render_view=view)
         envs.batch.set_pose([[5, 10, 2]] * 2)
         empty = envs.render()
         envs.batch.bodies.spawn(self.BALL, mask=np.array([True, False]))

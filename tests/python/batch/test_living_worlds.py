@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import begun
 from messages import refused
 
 import flockstep
@@ -138,10 +139,7 @@ def poses(envs):
 
 class TestEnvs:
     def test_episodes_begin_with_the_bodies_of_their_world(self):
-        envs = flockstep.DroneVectorEnv(
-            6, worlds=[world(SLIDER), world(BALL, CAR)], max_episode_steps=5, random_world=True
-        )
-        envs.reset(seed=3)
+        envs = begun(6, worlds=[world(SLIDER), world(BALL, CAR)], max_episode_steps=5, random_world=True, seed=3)
         for _ in range(40):
             envs.step(envs.action_space.sample())
             active = envs.batch.bodies.active.sum(axis=1)
@@ -149,8 +147,7 @@ class TestEnvs:
 
     def test_an_episode_draws_phases(self):
         motion = {**SLIDER["motion"], "random_phase": True, "speed_spread": 0.5}
-        envs = flockstep.DroneVectorEnv(8, worlds=[world({**SLIDER, "motion": motion})], max_episode_steps=5)
-        envs.reset(seed=3)
+        envs = begun(8, worlds=[world({**SLIDER, "motion": motion})], max_episode_steps=5, seed=3)
         first = poses(envs)
         assert len(np.unique(first[:, 0, 1])) == 8
         for _ in range(7):
@@ -164,8 +161,7 @@ class TestEnvs:
             return world(*[SLIDER, BALL, CAR][: number % 4], name=f"room-{number}")
 
         pool = flockstep.WorldPool(make, size=8)
-        envs = flockstep.DroneVectorEnv(5, worlds=pool, max_episode_steps=4, max_bodies=3)
-        envs.reset(seed=1)
+        envs = begun(5, worlds=pool, max_episode_steps=4, max_bodies=3, seed=1)
         for _ in range(30):
             envs.step(envs.action_space.sample())
             np.testing.assert_array_equal(envs.batch.bodies.active.sum(axis=1), envs.batch.world_index % 4)
@@ -184,8 +180,7 @@ class TestEnvs:
             flockstep.DroneVectorEnv(2, worlds=pool)
 
     def test_living_scenes_train(self):
-        envs = flockstep.DroneVectorEnv(4, worlds="living_playground/seed-1..2")
-        envs.reset(seed=0)
+        envs = begun(4, worlds="living_playground/seed-1..2")
         assert envs.batch.bodies.active.sum() == 4 * 6
         before = poses(envs)
         for _ in range(5):

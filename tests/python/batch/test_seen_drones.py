@@ -7,6 +7,7 @@ import pickle
 import gymnasium
 import numpy as np
 import pytest
+from conftest import begun
 from messages import refused
 from simple_tasks import Still
 
@@ -124,10 +125,9 @@ def test_pictures_show_each_drone_once(room):
     keywords = {"worlds": room, "drones_per_env": 2, "render_mode": "rgb_array", "drone_mesh": RED}
     pictures = []
     for interaction in ("none", "sense"):
-        envs = flockstep.DroneVectorEnv(
-            1, **keywords, interaction=interaction, render_view=((-3, 0, 3), (1, 0, 2)), render_size=(80, 60)
+        envs = begun(
+            1, **keywords, interaction=interaction, render_view=((-3, 0, 3), (1, 0, 2)), render_size=(80, 60), seed=1
         )
-        envs.reset(seed=1)
         envs.batch.set_pose(np.float32([[0, 0, 2], [1.5, 1, 3]]))  # the second is above the beams
         envs.batch.sense()
         pictures.append(envs.render()[0])
@@ -143,8 +143,7 @@ def test_the_camera_view_shows_the_others(room):
         "render_view": "camera",
         "interaction": "sense",
     }
-    envs = flockstep.DroneVectorEnv(1, **keywords, camera=camera, drone_mesh=RED)
-    envs.reset(seed=1)
+    envs = begun(1, **keywords, camera=camera, drone_mesh=RED, seed=1)
     envs.batch.set_pose(np.float32([[0, 0, 2], [2, 0, 2]]))
     envs.batch.sense()
     seen, empty = envs.render()

@@ -16,6 +16,7 @@ import weakref
 
 import numpy as np
 import pytest
+from conftest import begun
 from gymnasium import spaces
 from messages import refused
 from test_world_pool import hall, make
@@ -82,8 +83,7 @@ def test_a_thread_waits_for_a_shared_batch_without_the_interpreter_lock(room):
     camera = flockstep.CameraConfig(width_px=4, height_px=4)
     task = Slow()
     task.lidar, task.camera = flockstep.LidarConfig(), camera
-    env = flockstep.DroneVectorEnv(4, worlds=room, task=task, num_threads=1)
-    env.reset(seed=0)
+    env = begun(4, worlds=room, task=task, num_threads=1)
     batch = env.batch
     served = batch._served()
     calls = [
@@ -253,8 +253,7 @@ def test_threads_go_with_the_batch():
 
     eventually(lambda: not builders())
     batch = make(pool=WorldPool(slow, 64))
-    envs = flockstep.DroneVectorEnv(2, worlds=WorldPool(hall, 64))
-    envs.reset(seed=0)
+    envs = begun(2, worlds=WorldPool(hall, 64))
     waiting = threading.Thread(target=batch.reset, args=(np.arange(8),))
     waiting.start()
     assert len(builders()) == 2

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from messages import refused
-from rigid_body import FRAMES, GRAVITY, OPEN, frame, plain
+from rigid_body import FRAMES, GRAVITY, batch_of, frame, plain
 from scipy.spatial.transform import Rotation
 
 import flockstep
@@ -57,19 +57,9 @@ def shares(data, position, quat_wxyz, speed):
 
 
 def swarm(data, drones_per_env, envs=1, **arguments):
-    """Envs of drones without drag; `arguments` are those of the batch, and fields of its dynamics and clock."""
-    clock = {name: arguments.pop(name) for name in ("policy_hz", "physics_hz") if name in arguments}
-    dynamics = {"motion": "rotors", "control": "rotor_speeds", "downwash": True}
-    dynamics |= {name: arguments.pop(name) for name in list(arguments) if hasattr(flockstep.DynamicsConfig(), name)}
-    return flockstep.Batch(
-        arguments.pop("worlds", [OPEN]),
-        envs * drones_per_env,
-        drones_per_env=drones_per_env,
-        drone=flockstep.DroneModel.from_dict(data),
-        dynamics=flockstep.DynamicsConfig(**dynamics),
-        clock=flockstep.ClockConfig(**{"policy_hz": 100, "physics_hz": 1000, **clock}),
-        **arguments,
-    )
+    """Envs of drones without drag, with these further arguments of the batch."""
+    arguments = {"physics_hz": 1000, "downwash": True, "num_threads": 0, "drones_per_env": drones_per_env} | arguments
+    return batch_of(data, envs * drones_per_env, **arguments)
 
 
 def hover_speed(data):

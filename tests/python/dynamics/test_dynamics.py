@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import world_of
 from messages import refused
 from rigid_body import (
     FRAMES,
@@ -132,7 +133,7 @@ class TestClosedForms:
     def test_ground_effect(self, height):
         """F / (1 - (r / 4h)^2) at the height h of hubs of radius r; no effect upside down."""
         data = frame()
-        room = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-9, -9, 0], "max": [9, 9, 9]}})
+        room = world_of(room={"min": [-9, -9, 0], "max": [9, 9, 9]})
         gained = []
         for quat_wxyz in ([1.0, 0, 0, 0], [0.0, 1, 0, 0]):
             batch = batch_of(data, physics_hz=1000, worlds=[room], ground_effect=True)

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
+from conftest import world_of
 from rigid_body import FULL, MIDDLE, Start, batch_of, rows_of
-
-import flockstep
 
 
 def commands_of(control, count):
@@ -55,7 +54,7 @@ def test_same_bits(control, integrator):
 @pytest.mark.parametrize("mode", ["terminate", "stop", "bounce"])
 def test_same_bits_among_obstacles(mode):
     """Some drones of a block hit walls, others do not: each flies the same bits as in its own batch."""
-    room = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-1.4] * 3, "max": [1.4] * 3}})
+    room = world_of(room={"min": [-1.4] * 3, "max": [1.4] * 3})
     settings = {"worlds": [room], "on_contact": mode}
     wide = begun("velocity", 37, num_threads=3, block_size=5, **settings)
     copy = begun("velocity", 37, **settings)

@@ -4,18 +4,13 @@ import time
 
 import numpy as np
 import pytest
+from conftest import world_of
 from rigid_body import GRAVITY, batch_of, frame, plain, to_world
 from scipy.spatial.transform import Rotation
 
-import flockstep
-
 HALF, HEIGHT, RADIUS = 5.0, 6.0, 0.5  # m: the room's half width, its height, the pillar's radius
-ROOM = flockstep.World.from_dict(
-    {
-        "flockstep_scene": 1,
-        "room": {"min": [-HALF, -HALF, 0], "max": [HALF, HALF, HEIGHT]},
-        "pillars": [{"center": [0, 0], "radius": RADIUS}],
-    }
+ROOM = world_of(
+    room={"min": [-HALF, -HALF, 0], "max": [HALF, HALF, HEIGHT]}, pillars=[{"center": [0, 0], "radius": RADIUS}]
 )
 STILL = np.zeros(4)
 BODY = plain(min_speed_radps=0.0)  # at zero speed its rotors give no thrust
@@ -28,8 +23,7 @@ every_mode = pytest.mark.parametrize("mode", MODES)
 
 
 def room_of(num_drones=1, mode="bounce", data=BODY, **settings):
-    batch = batch_of(data, num_drones, physics_hz=500, worlds=[ROOM], on_contact=mode, **settings)
-    return batch
+    return batch_of(data, num_drones, physics_hz=500, worlds=[ROOM], on_contact=mode, **settings)
 
 
 def launch(batch, position, velocity, quat_wxyz=None):
@@ -235,13 +229,10 @@ def test_a_drone_takes_off_again(mode):
     np.testing.assert_allclose(batch.position[0], [3, 3, 2], atol=0.05)
 
 
-BOX = flockstep.World.from_dict(
-    {
-        "flockstep_scene": 1,
-        "room": {"min": [-9, -9, -9], "max": [9, 9, 9]},
-        "boxes": [{"center": [0, 0, -1], "size": [8, 8, 2]}],
-        "spheres": [{"center": [-7, 0, 0], "radius": 1}],
-    }
+BOX = world_of(
+    room={"min": [-9, -9, -9], "max": [9, 9, 9]},
+    boxes=[{"center": [0, 0, -1], "size": [8, 8, 2]}],
+    spheres=[{"center": [-7, 0, 0], "radius": 1}],
 )
 
 
@@ -253,7 +244,7 @@ def test_what_starts_inside_is_moved_out(world, place, mode):
         batch_of(frame(), 1, 50, worlds=[room], on_contact=mode, control="velocity")
         for room in (
             world,
-            flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-99] * 3, "max": [99] * 3}}),
+            world_of(room={"min": [-99] * 3, "max": [99] * 3}),
         )
     )
     for each in (batch, free):

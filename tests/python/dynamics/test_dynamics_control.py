@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import world_of
 from messages import refused
 from rigid_body import FRAMES, FULL, GRAVITY, MIDDLE, OPEN, angle_between, batch_of, fly_for, frame, rows_of
 from scipy.spatial.transform import Rotation
@@ -82,20 +83,19 @@ def test_thrust_is_over_the_mass(data):
         np.testing.assert_allclose(gained, np.array(commands)[:, 0] - GRAVITY, atol=2e-3)
 
 
-def test_attitude(data):
+@pytest.mark.parametrize(
+    ("commands", "settings", "off_deg"),
+    [
+        ([[GRAVITY, 0.3, 0, 0], [GRAVITY, 0, -0.3, 0], [GRAVITY, 0, 0, 2.0], [GRAVITY, 0.2, -0.3, 1.0]], NO_DRAG, 0.2),
+        # Drag of rotors above or below the centre of mass tilts the body as it gains speed.
+        ([[GRAVITY, 0.2, 0, 0], [GRAVITY, 0, -0.2, 1.0]], {}, 2),
+    ],
+)
+def test_attitude(data, commands, settings, off_deg):
     """Yaw, then pitch, then roll, each about the axis after the previous rotations."""
-    commands = np.array([[GRAVITY, 0.3, 0, 0], [GRAVITY, 0, -0.3, 0], [GRAVITY, 0, 0, 2.0], [GRAVITY, 0.2, -0.3, 1.0]])
-    states = flight(data, "attitude", commands, 12 * Loops(data).yaw, **NO_DRAG)
-    asked = Rotation.from_euler("ZYX", commands[:, [3, 2, 1]]).as_quat(scalar_first=True)
-    assert (angle_between(states[-1, :, 3:7], asked) < 0.2).all()
-
-
-def test_attitude_with_everything_on(data):
-    """Drag of rotors above or below the centre of mass tilts the body as it gains speed, by at most 2 degrees."""
-    commands = np.array([[GRAVITY, 0.2, 0, 0], [GRAVITY, 0, -0.2, 1.0]])
-    states = flight(data, "attitude", commands, 12 * Loops(data).yaw)
-    asked = Rotation.from_euler("ZYX", commands[:, [3, 2, 1]]).as_quat(scalar_first=True)
-    assert (angle_between(states[-1, :, 3:7], asked) < 2).all()
+    states = flight(data, "attitude", commands, 12 * Loops(data).yaw, **settings)
+    asked = Rotation.from_euler("ZYX", np.array(commands)[:, [3, 2, 1]]).as_quat(scalar_first=True)
+    assert (angle_between(states[-1, :, 3:7], asked) < off_deg).all()
 
 
 INVERTED = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [0, 0.6, 0.8, 0], [6e-17, 1, 0, 0], [1e-4, 1, 0, 0]], float)
@@ -197,13 +197,7 @@ def test_acceleration_keeps_to_its_limit(data):
 
 def test_rates_of_the_controller_are_those_of_the_clock():
     """The controller runs at every fifth tick; between, the rotor commands stay."""
-    batch = flockstep.Batch(
-        batch_of(frame()).worlds,
-        1,
-        drone=flockstep.DroneModel.load("kingfisher"),
-        dynamics=flockstep.DynamicsConfig(motion="rotors", control="body_rates"),
-        clock=flockstep.ClockConfig(policy_hz=100, physics_hz=500, controller_hz=100),
-    )
+    batch = batch_of(frame(), control="body_rates", controller_hz=100)
     every = batch_of(frame(), control="body_rates", physics_hz=500)
     for _ in range(50):
         batch.fly([[GRAVITY, 1.0, 0, 0]])
@@ -214,13 +208,7 @@ def test_rates_of_the_controller_are_those_of_the_clock():
 
 def test_the_controller_keeps_its_rate_however_the_calls_are_cut():
     def flown(calls, ticks):
-        batch = flockstep.Batch(
-            batch_of(frame()).worlds,
-            1,
-            drone=flockstep.DroneModel.load("kingfisher"),
-            dynamics=flockstep.DynamicsConfig(motion="rotors", control="velocity"),
-            clock=flockstep.ClockConfig(policy_hz=50, physics_hz=500, controller_hz=50),
-        )
+        batch = batch_of(frame(), 1, 50, control="velocity", controller_hz=50)
         for _ in range(calls):
             batch.fly([[1.0, 0, 0.5, 0]], ticks=ticks)
         return rows_of(batch)
@@ -231,25 +219,18 @@ def test_the_controller_keeps_its_rate_however_the_calls_are_cut():
 FAR = np.array([[1000.3, 1000.1, 999.7]], np.float32)
 
 
-def hover_far_out(start, policy_hz=POLICY_HZ):
-    """Mean distance in m from a target 1 km out along each axis, in the last five seconds of a minute."""
-    batch = batch_of(frame(), 1, policy_hz, control="position")
-    batch.set_pose(start)
+@pytest.mark.parametrize("offset_m", [(0, 0, 0), (0.5, -0.3, 0.2)])
+def test_hover_far_from_the_origin(offset_m):
+    """It stays at, or flies to, a target 1 km out along each axis; its mean over the last five seconds of a minute."""
+    batch = batch_of(frame(), 1, POLICY_HZ, control="position")
+    batch.set_pose(FAR + np.float32(offset_m))
     command = np.concatenate([FAR, [[0]]], axis=1)
     places = []
-    for step in range(60 * policy_hz):
+    for step in range(60 * POLICY_HZ):
         batch.fly(command)
-        if step >= 55 * policy_hz:
+        if step >= 55 * POLICY_HZ:
             places.append(batch.position[0].astype(float))
-    return np.linalg.norm(np.mean(places, axis=0) - FAR[0])
-
-
-def test_hover_far_from_the_origin():
-    assert hover_far_out(FAR) < 1e-3
-
-
-def test_arrival_far_from_the_origin():
-    assert hover_far_out(FAR + np.float32([0.5, -0.3, 0.2])) < 1e-3
+    assert np.linalg.norm(np.mean(places, axis=0) - FAR[0]) < 1e-3
 
 
 DRONES, STEPS = 21, 12
@@ -261,18 +242,10 @@ def commands(control):
 
 def made(control, **settings):
     """Fast drones in gusts, in a room that some of them hit, with a controller slower than the physics."""
-    room = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-1] * 3, "max": [1] * 3}})
+    room = world_of(room={"min": [-1] * 3, "max": [1] * 3})
     wind = flockstep.WindConfig(mean_mps=(1.0, 0.5, 0.0), gusts="ornstein_uhlenbeck")
-    defaults = {"motion": "rotors", "control": control, "on_contact": "bounce", "ground_effect": True, "wind": wind}
-    batch = flockstep.Batch(
-        [room],
-        DRONES,
-        drone=flockstep.DroneModel.from_dict(FULL),
-        dynamics=flockstep.DynamicsConfig(**{**defaults, **settings}),
-        clock=flockstep.ClockConfig(policy_hz=50, controller_hz=250, physics_hz=500),
-        num_threads=2,
-        block_size=8,
-    )
+    defaults = {"control": control, "on_contact": "bounce", "ground_effect": True, "wind": wind, "controller_hz": 250}
+    batch = batch_of(FULL, DRONES, 50, num_threads=2, block_size=8, worlds=[room], **defaults | settings)
     rng = np.random.default_rng(6)
     batch.set_pose(rng.uniform(-0.7, 0.7, (DRONES, 3)))
     batch.set_velocity(rng.uniform(-4, 4, (DRONES, 3)))

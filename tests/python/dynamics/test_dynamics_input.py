@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from conftest import begun, flat_batch, placed
 from gymnasium import spaces
 from messages import refused
 from rigid_body import FRAMES, OPEN, batch_of, frame, plain
@@ -18,15 +19,10 @@ def refuses(call, *said, error=ValueError):
         call()
 
 
-def made(dynamics=None, clock=None, drone=None):
+def made(drone=None, **fields):
     """A batch of one rotor-driven drone, with some settings changed."""
-    return flockstep.Batch(
-        [OPEN],
-        1,
-        drone=drone,
-        dynamics=flockstep.DynamicsConfig(**{"motion": "rotors", "control": "velocity", **(dynamics or {})}),
-        clock=flockstep.ClockConfig(**{"policy_hz": 50, **(clock or {})}),
-    )
+    usual = {"motion": "rotors", "control": "velocity", "policy_hz": 50}
+    return flat_batch([OPEN], drone=drone, **usual | fields)
 
 
 @pytest.mark.parametrize(
@@ -47,18 +43,18 @@ def made(dynamics=None, clock=None, drone=None):
     ],
 )
 def test_dynamics_config(field, value, named):
-    refuses(lambda: made({field: value}), field, value, *named)
+    refuses(lambda: made(**{field: value}), field, value, *named)
 
 
 @pytest.mark.parametrize(
     ("field", "value"), [("max_speed_mps", "5"), *(("rotor_lag", bad) for bad in ("yes", None, 2, "no", 1.0, []))]
 )
 def test_dynamics_config_of_wrong_types(field, value):
-    refuses(lambda: made({field: value}), field, value, error=TypeError)
+    refuses(lambda: made(**{field: value}), field, value, error=TypeError)
 
 
 def test_kinematic_motion_takes_only_poses():
-    refuses(lambda: made({"motion": "kinematic"}), "control", "pose", "rotors", "velocity")
+    refuses(lambda: made(motion="kinematic"), "control", "pose", "rotors", "velocity")
 
 
 @pytest.mark.parametrize(
@@ -74,7 +70,7 @@ def test_kinematic_motion_takes_only_poses():
     ],
 )
 def test_clock_config(field, bad, others, limits):
-    refuses(lambda: made(clock={"physics_hz": 500} | others | {field: bad}), field, bad, *limits)
+    refuses(lambda: made(**{"physics_hz": 500} | others | {field: bad}), field, bad, *limits)
 
 
 @pytest.fixture
@@ -184,18 +180,10 @@ def test_a_flight_that_is_lost_is_reported():
     batch.fly([[500] * 4] * 3)  # not reported again
 
 
-def two(interaction, on_contact="terminate", **keywords):
+def two(interaction, inertia=1e-9, **keywords):
     """Two drones of one env, close together; uneven thrusts turn their tiny inertia too fast at once."""
-    batch = flockstep.Batch(
-        [OPEN],
-        2,
-        drones_per_env=2,
-        interaction=interaction,
-        drone=flockstep.DroneModel.from_dict(plain("x500", inertia_kgm2=[1e-9] * 3)),
-        dynamics=flockstep.DynamicsConfig(motion="rotors", control="rotor_speeds", on_contact=on_contact),
-        clock=flockstep.ClockConfig(policy_hz=10, physics_hz=500),
-        **keywords,
-    )
+    data = plain("x500", inertia_kgm2=[inertia] * 3)
+    batch = batch_of(data, 2, 10, drones_per_env=2, interaction=interaction, **keywords)
     batch.set_pose([[-0.33, 0, 0], [0.33, 0, 0]])
     return batch
 
@@ -231,16 +219,7 @@ def test_a_drone_that_is_stopped_before_it_is_lost_is_not_lost():
     """Alone, it would soon spin too fast. The other one hits it first, after which it stays until the next call."""
 
     def flown(interaction):
-        drone = flockstep.DroneModel.from_dict(plain("x500", inertia_kgm2=[5e-6] * 3))
-        batch = flockstep.Batch(
-            [OPEN],
-            2,
-            drones_per_env=2,
-            interaction=interaction,
-            drone=drone,
-            dynamics=flockstep.DynamicsConfig(motion="rotors", control="rotor_speeds"),
-            clock=flockstep.ClockConfig(policy_hz=10, physics_hz=500),
-        )
+        batch = two(interaction, 5e-6)
         batch.set_pose([[-0.4, 0, 0], [0.4, 0, 0]])
         batch.set_velocity([[60, 0, 0], [0, 0, 0]])
         batch.fly(ONE_SPINS, ticks=50)
@@ -255,8 +234,7 @@ def test_a_drone_that_is_stopped_before_it_is_lost_is_not_lost():
 
 def test_a_lost_flight_ends_the_episode_as_a_bad_state():
     stiff = flockstep.DroneModel.from_dict(plain("x500", inertia_kgm2=[1e-9] * 3))
-    envs = flockstep.DroneVectorEnv(2, task=flockstep.HoverConfig(), drone=stiff)
-    envs.reset(seed=0)
+    envs = begun(2, task=flockstep.HoverConfig(), drone=stiff)
     actions = np.zeros((2, 4), np.float32)
     actions[1] = [0.5, 0.6, 0.5, 0.5]
     infos = envs.step(actions)[-1]
@@ -286,7 +264,7 @@ def test_each_motion_has_its_calls(batch):
     for name in ("velocity", "angular_velocity", "acceleration", "angular_acceleration", "rotor_speed"):
         refuses(lambda name=name: getattr(kinematic, name), 'motion="rotors"', error=AttributeError)
     assert kinematic.snapshot() == before
-    refuses(lambda: made({"control": "pose"}).fly([[0] * 4]), "fly", "pose", error=RuntimeError)
+    refuses(lambda: made(control="pose").fly([[0] * 4]), "fly", "pose", error=RuntimeError)
 
 
 def test_a_drone_without_an_airframe_cannot_fly_by_rotors():
@@ -318,7 +296,7 @@ LEFT_OUT = object()
         ("rotors", [], ("rotors",)),
         ("rotors/spin", ["ccw"] * 4, ("rotors", "turn the body")),
         ("rotors/spin", ["ccw", "left", "cw", "cw"], ("spin/1", "ccw", "cw", "left")),
-        ("rotors/spin", ["ccw"], ("spin", "ccw", "cw")),
+        ("rotors/spin", ["ccw"], ("spin", "an array of 4")),
         ("rotors/position_m", [[0, 0, 0]] * 4, ("rotors", "turn the body")),
         ("rotors/position_m", [[0.1, 0.1, 0]] * 3, ("position_m",)),
         ("rotors/position_m", [[0.1, 0.1]] * 4, ("position_m/0", 3)),
@@ -390,7 +368,7 @@ def test_unknown_frames():
 
 
 def test_a_drone_is_placed_level_unless_an_attitude_is_given():
-    batch = made({"control": "rotor_thrusts"}, {"physics_hz": 500})
+    batch = made(control="rotor_thrusts", physics_hz=500)
     tilted = [0.6, 0, 0.8, 0]
     for place in ({"position": [1, 2, 5]}, {"position": [[1, 2, 5]], "rows": [0]}, {"mask": [True]}):
         batch.set_pose([1, 2, 5], tilted)
@@ -405,16 +383,14 @@ def test_a_drone_is_placed_level_unless_an_attitude_is_given():
 
 
 def test_a_kinematic_drone_keeps_its_attitude():
-    batch = flockstep.Batch([OPEN], 1)
-    batch.set_pose([1, 2, 5], [0.6, 0, 0.8, 0])
+    batch = placed([OPEN], [1, 2, 5], [0.6, 0, 0.8, 0])
     batch.set_pose([2, 2, 5])
     np.testing.assert_array_equal(batch.quat_wxyz, np.float32([[0.6, 0, 0.8, 0]]))
 
 
 def test_one_row_places_all_drones():
-    dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity")
-    for keywords in ({}, {"dynamics": dynamics, "clock": flockstep.ClockConfig(policy_hz=50)}):
-        batch = flockstep.Batch([OPEN], 3, **keywords)
+    for keywords in ({}, {"motion": "rotors", "control": "velocity", "policy_hz": 50}):
+        batch = flat_batch([OPEN], 3, **keywords)
         for row in (lambda values: values, lambda values: [values], lambda values: [values] * 3):
             batch.set_pose(row([1, 2, 5]), row([0.6, 0, 0, 0.8]))
             np.testing.assert_array_equal(batch.position, [[1, 2, 5]] * 3)
@@ -428,7 +404,7 @@ def test_one_row_places_all_drones():
 
 
 def test_a_yaw_that_may_be_in_degrees_warns_once():
-    batch = made({"control": "attitude"})
+    batch = made(control="attitude")
     batch.set_pose([0, 0, 5])
     batch.fly([[9.81, 0, 0, -12]])  # an accumulated yaw
     with refused(RuntimeWarning, "command (row 0)", "yaw", 45):
@@ -455,8 +431,7 @@ class Attitude(flockstep.Task):
 
 
 def test_a_yaw_that_a_task_returns_in_degrees_warns_once():
-    envs = flockstep.DroneVectorEnv(2, task=Attitude, worlds=OPEN)
-    envs.reset(seed=0)
+    envs = begun(2, task=Attitude, worlds=OPEN)
     with refused(RuntimeWarning, "act", 0, 90):
         envs.step(np.zeros((2, 3), np.float32))
     envs.step(np.zeros((2, 3), np.float32))

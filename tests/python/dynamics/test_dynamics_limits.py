@@ -2,24 +2,19 @@
 
 import numpy as np
 import pytest
+from conftest import world_of
 from rigid_body import GRAVITY, OPEN, angle_between, batch_of, frame, rows_of
 
 import flockstep
 
-HALL = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [20, 20, 10]}})
+HALL = world_of(room={"min": [0, 0, 0], "max": [20, 20, 10]})
 
 
 @pytest.mark.parametrize("on_contact", ["stop", "bounce", "terminate"])
 def test_an_imu_reads_gravity_in_an_impact(on_contact):
     count, hz = 64, 500
-    batch = flockstep.Batch(
-        [HALL],
-        count,
-        drone=flockstep.DroneModel.load("kingfisher"),
-        dynamics=flockstep.DynamicsConfig(motion="rotors", control="rotor_thrusts", on_contact=on_contact),
-        clock=flockstep.ClockConfig(policy_hz=hz, physics_hz=hz),
-        imu=flockstep.ImuConfig(rate_hz=hz),
-    )
+    keywords = {"control": "rotor_thrusts", "on_contact": on_contact, "imu": flockstep.ImuConfig(rate_hz=hz)}
+    batch = batch_of(frame(), count, hz, hz, worlds=[HALL], num_threads=0, **keywords)
     random = np.random.default_rng(0)
     velocity = random.normal(size=(count, 3))
     batch.set_pose(np.tile([10.0, 10.0, 5.0], (count, 1)))

@@ -4,6 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from conftest import begun
 from gymnasium import spaces
 from messages import refused
 from simple_tasks import Still
@@ -213,9 +214,6 @@ def test_an_evaluation_of_a_built_in_task(room, closet):
 # --- reasons for the end of episodes: one each, in the batch, in infos, in evaluations
 
 
-MODES = ["next_step", "same_step", "disabled"]
-
-
 class Ways(flockstep.Task):
     """Env i ends its first step in the i-th way, or at its limit of two steps."""
 
@@ -247,10 +245,8 @@ def names(codes):
 
 
 @pytest.mark.filterwarnings("ignore:Ways.step")
-@pytest.mark.parametrize("mode", MODES)
 def test_each_reason_of_a_task_in_python(room, mode):
-    envs = flockstep.DroneVectorEnv(8, worlds=room, task=Ways, autoreset_mode=mode)
-    envs.reset(seed=0)
+    envs = begun(8, worlds=room, task=Ways, autoreset_mode=mode)
     actions = np.zeros((8, 3), np.float32)
     infos = envs.step(actions)[4]
     infos = infos.get("final_info", infos)
@@ -279,8 +275,7 @@ def test_a_limit_comes_before_a_cut_by_the_task_and_after_success(room):
 
         act = flockstep.Task.act
 
-    envs = flockstep.DroneVectorEnv(2, worlds=room, task=Late)
-    envs.reset(seed=0)
+    envs = begun(2, worlds=room, task=Late)
     envs.step(np.zeros((2, 3), np.float32))
     assert names(envs.batch.episode_end) == ["success", "time"]
 
@@ -324,7 +319,6 @@ def test_navigation(room, closet):
 
 
 def test_an_env_of_several_steps_per_action_reports_its_last(room):
-    envs = flockstep.DroneVectorEnv(1, worlds=room, frame_skip=4, max_episode_steps=6)
-    envs.reset(seed=0)
+    envs = begun(1, worlds=room, frame_skip=4, max_episode_steps=6)
     assert names(envs.step([2])[4].get("episode_end", [0])) == ["none"]
     assert names(envs.step([2])[4]["episode_end"]) == ["time"]

@@ -5,6 +5,7 @@ import imageio.v3 as imageio
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from conftest import begun
 from gymnasium import spaces
 from messages import refused
 from simple_tasks import Still
@@ -120,8 +121,7 @@ def test_a_film_shows_the_other_drones_of_the_env(room):
     for drones in (1, 2):
         frames = []
         for view in ("fleet", "third_person"):
-            envs = flockstep.DroneVectorEnv(1, drones_per_env=drones, render_view=view, **keywords)
-            envs.reset(seed=0)
+            envs = begun(1, drones_per_env=drones, render_view=view, **keywords)
             envs.batch.set_pose(np.float32([[1, 1, 1], [2.5, 1, 1]])[:drones])
             frames.append(envs.render()[0])
         assert (frames[0] != frames[1]).any() == (drones == 2)
@@ -252,8 +252,7 @@ def ahead(observation):
 
 
 def first_lucky_seed(room):
-    envs = flockstep.DroneVectorEnv(30, worlds=room, task=Lucky)
-    envs.reset(seed=7)
+    envs = begun(30, worlds=room, task=Lucky, seed=7)
     return 7 + np.flatnonzero((5 * envs.batch.random(stream=0, count=1)[:, 0]).astype(int) == 3)[0]
 
 

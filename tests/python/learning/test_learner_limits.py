@@ -8,6 +8,7 @@ from functools import partial
 import gymnasium
 import numpy as np
 import pytest
+from conftest import begun
 from messages import refused
 from ppo_models import ROWS, box, learner_of, make_learner, random_rollout
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
@@ -110,13 +111,11 @@ def test_bad_numbers_are_refused_and_change_nothing():
         with refused(FloatingPointError, "final_observation", "in row 2"):
             learner.record(0, np.zeros(3), no, ~no, wrong)
     after = learner.parameters, *learner.observation_moments, *learner.return_moments, learner.discounted_returns
-    for expected, got in zip(state, after, strict=True):
-        np.testing.assert_array_equal(got, expected)
+    np.testing.assert_equal(state, after)
 
 
 def test_actions_that_are_not_finite_are_refused():
-    env = flockstep.DroneVectorEnv(2, task=flockstep.HoverConfig())
-    env.reset(seed=0)
+    env = begun(2, task=flockstep.HoverConfig())
     learner = learner_of(env)
     parameters = learner.parameters
     parameters[:4] = 200  # standard deviations beyond float32
@@ -184,8 +183,7 @@ def test_wrong_shapes_and_orders_of_calls_are_refused():
     with wrong("batch", "a batch with a task"):
         learner.fly(0, flockstep.Batch("playground/train-1", 3))
     for task in (flockstep.HoverConfig(), None):
-        env = flockstep.DroneVectorEnv(3, task=task)
-        env.reset(seed=0)
+        env = begun(3, task=task)
         for call in (lambda env=env: learner.fly(0, env.batch), lambda env=env: learner.read_observation(env.batch)):
             with wrong("batch", 5):
                 call()

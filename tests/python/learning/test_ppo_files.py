@@ -265,7 +265,6 @@ def test_other_archives_are_refused(content, tmp_path):
 # --- checkpoints
 
 
-@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 @pytest.mark.parametrize("task", [flockstep.HoverConfig(), ToTarget], ids=["engine", "python"])
 @pytest.mark.parametrize("options", [{}, OPTIONS], ids=["plain", "normalized"])
 def test_a_checkpoint_resumes_to_the_same_bits(mode, task, options, tmp_path):

@@ -14,9 +14,9 @@ from gymnasium import spaces
 from messages import refused
 
 import flockstep
+from engines import TRAINED
 from lidar_task import ID, SETTINGS, GoalFeatures, Options
 from processes import drones_of_each, free_port, threads_of_each
-from run import TRAINED
 
 FOLDER = ROOT / "examples" / "trainers"
 

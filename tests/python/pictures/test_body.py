@@ -2,19 +2,18 @@
 
 import numpy as np
 import pytest
+from conftest import world_of
 
 import flockstep
 from flockstep.pictures.body import Body
-from flockstep.pictures.stage import Stage
+from flockstep.pictures.stage import Stage, light_rims
 
 BOX = [[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.1, 0.1)]
 
 
 def pictured(drone, mesh=None, **how):
     """The picture of a drone from above, and its pixels, without its shadow."""
-    room = flockstep.World.from_dict(
-        {"flockstep_scene": 1, "name": "room", "room": {"min": [-5, -5, -5], "max": [5, 5, 5]}}
-    )
+    room = world_of(name="room", room={"min": [-5, -5, -5], "max": [5, 5, 5]})
     stage, view = Stage(room, 1.0, (320, 240)), (np.array([0.0, 0.0, 2.0]), np.zeros(3))
     canvas = stage.seen_from(*view, [Body(drone, mesh).at(np.zeros(3), np.array([1.0, 0, 0, 0]), **how)])
     return canvas, canvas.depth != stage.seen_from(*view).depth
@@ -79,16 +78,11 @@ def test_without_rotors_a_drone_is_its_hull():
 def test_a_hull_is_closed_and_all_its_faces_are_outside():
     """A line from the middle leaves the default hull where a line from outside enters it."""
     drone = flockstep.DroneModel()
-    shape = flockstep.World.from_dict(
-        {
-            "flockstep_scene": 1,
-            "meshes": [
-                {name: mesh[name].tolist() for name in ("vertices", "triangles")}
-                for mesh in [
-                    Body(flockstep.DroneModel(drone.hull)).at(np.zeros(3), np.array([1.0, 0, 0, 0])).mesh.mesh()
-                ]
-            ],
-        }
+    shape = world_of(
+        meshes=[
+            {name: mesh[name].tolist() for name in ("vertices", "triangles")}
+            for mesh in [Body(flockstep.DroneModel(drone.hull)).at(np.zeros(3), np.array([1.0, 0, 0, 0])).mesh.mesh()]
+        ]
     )
     ways = np.random.default_rng(0).normal(size=(300, 3))
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
@@ -97,6 +91,29 @@ def test_a_hull_is_closed_and_all_its_faces_are_outside():
     assert np.isfinite(inner).all()
     np.testing.assert_allclose(inner, outer, atol=1e-4)
     assert inner.max() <= np.linalg.norm(drone.hull, axis=1).max() + 1e-6
+
+
+def test_a_hull_has_the_edges_between_its_faces():
+    edges = Body(flockstep.DroneModel(BOX)).edges
+    assert len(edges) == 12  # of a box, without the diagonals of its faces
+    assert (np.count_nonzero(edges[:, 0] != edges[:, 1], axis=1) == 1).all()
+    for other in (Body(flockstep.DroneModel()), Body(flockstep.DroneModel(BOX), flockstep.DroneMesh(BOX, [[0, 1, 2]]))):
+        assert len(other.edges) == 0
+
+
+@pytest.mark.parametrize(("background", "is_lit"), [((30, 40, 20), True), ((160, 170, 150), False)])
+def test_a_drone_has_a_rim_of_light_before_dark_surfaces(background, is_lit):
+    rgb = np.full((9, 12, 3), background, np.uint8)
+    is_drone = np.zeros((9, 12), bool)
+    is_drone[2:7, 4:9] = True
+    rgb[is_drone] = (20, 30, 90)
+    before = rgb.copy()
+    light_rims(rgb, is_drone)
+    rim = is_drone.copy()
+    rim[3:6, 5:8] = False
+    np.testing.assert_array_equal((rgb > before).all(axis=-1), rim & is_lit)
+    np.testing.assert_array_equal(rgb[~rim], before[~rim])
+    light_rims(rgb, np.zeros((9, 12), bool))  # no drone is visible
 
 
 def test_a_mesh_is_drawn_in_its_colours_instead():

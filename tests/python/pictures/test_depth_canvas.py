@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import world_of
 
 import flockstep
 from flockstep.pictures.depth_canvas import DepthCanvas
@@ -149,9 +150,8 @@ def test_a_spheres_pixels_depth_and_shade():
 def test_a_sphere_agrees_with_the_engines_sphere():
     """A sphere among a world's markers: the same pixels, depths and colours."""
     solid = {"center": [60, 0, 0], "size": [1, 1, 1]}
-    scene = {"flockstep_scene": 1, "name": "goal", "boxes": [solid], "markers": {"goal": [2, 0.3, -0.2], "radius": 0.4}}
     camera = flockstep.CameraConfig(width_px=160, height_px=120, outputs=("rgb", "depth", "semantic"))
-    world = flockstep.World.from_dict(scene)
+    world = world_of(name="goal", boxes=[solid], markers={"goal": [2, 0.3, -0.2], "radius": 0.4})
     expected = flockstep.render(world, (0, 0, 0), camera=camera)
     goal = expected["semantic"] == 65535
     color = tuple(int(c) for c in expected["rgb"][goal].max(axis=0))

@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from conftest import begun
 from messages import refused
 from simple_tasks import Still
 
@@ -29,10 +30,7 @@ class Drawn(Still):
 
 
 def frames(world, task, view, num_envs=1, **keywords):
-    envs = flockstep.DroneVectorEnv(
-        num_envs, worlds=world, task=task, render_mode="rgb_array", render_view=view, **keywords
-    )
-    envs.reset(seed=0)
+    envs = begun(num_envs, worlds=world, task=task, render_mode="rgb_array", render_view=view, **keywords)
     return envs.render()
 
 
@@ -381,8 +379,7 @@ def test_a_drones_own_camera_sees_the_markers_all_the_same(room):
 
 
 def test_drawing_is_for_one_env_at_a_time_and_changes_nothing(room):
-    envs = flockstep.DroneVectorEnv(2, worlds=room, task=Drawn(), render_mode="rgb_array", render_view="top")
-    envs.reset(seed=0)
+    envs = begun(2, worlds=room, task=Drawn(), render_mode="rgb_array", render_view="top")
     before = envs.snapshot()
     first = envs.render()
     assert envs.snapshot() == before

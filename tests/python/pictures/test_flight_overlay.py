@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import begun, world_of
 from messages import refused
 
 import flockstep
@@ -37,8 +38,7 @@ def noted(envs, overlay=FlightOverlay, row=0, **arguments):
 
 
 def flown(config, steps=10, num_envs=1, **keywords):
-    envs = flockstep.DroneVectorEnv(num_envs, task=config, render_mode="rgb_array", **keywords)
-    envs.reset(seed=3)
+    envs = begun(num_envs, task=config, render_mode="rgb_array", **keywords, seed=3)
     envs.action_space.seed(3)
     for _ in range(steps):
         envs.step(envs.action_space.sample())
@@ -97,9 +97,7 @@ def test_track_shows_where_its_path_is():
 @pytest.mark.parametrize("shape", ["square", "ring"])
 def test_race_shows_its_next_gate_and_the_speed(shape):
     turned = {"quat_wxyz": [0.5**0.5, 0, 0, 0.5**0.5], "shape": shape, "size": 1.8}  # is passed along y
-    world = flockstep.World.from_dict(
-        {"flockstep_scene": 1, "gates": [{"center": [0, 0, 5]}, {"center": [8, 0, 5], **turned}]}
-    )
+    world = world_of(gates=[{"center": [0, 0, 5]}, {"center": [8, 0, 5], **turned}])
     envs = flown(flockstep.RaceConfig(start="gate"), steps=0, worlds=world)
     while envs.batch.task_state["target"][0] != 1:
         envs.reset()
@@ -167,8 +165,7 @@ def test_formation_shows_the_place():
 
 
 def test_some_envs_are_drawn(closet):
-    envs = flockstep.DroneVectorEnv(5, worlds=closet, render_mode="rgb_array", random_start=True)
-    envs.reset(seed=1)
+    envs = begun(5, worlds=closet, render_mode="rgb_array", random_start=True, seed=1)
     envs.step(np.arange(5))
     every = envs.render()
     assert len(every) == 5

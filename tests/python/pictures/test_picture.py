@@ -3,6 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
+from conftest import begun, placed
 from messages import refused
 
 import flockstep
@@ -15,8 +16,7 @@ def test_a_picture_is_what_a_drones_camera_sees(room):
     camera = flockstep.CameraConfig(name="any", width_px=40, height_px=30, outputs=("rgb", "depth", "instance"))
     quat_wxyz = [0.8, 0.0, 0.0, 0.6]
     picture = flockstep.render(room, (3, 4, 2), quat_wxyz, camera=camera)
-    batch = flockstep.Batch([room], cameras=[camera])
-    batch.set_pose(np.float32([[3, 4, 2]]), np.float32([quat_wxyz]))
+    batch = placed([room], [[3, 4, 2]], [quat_wxyz], cameras=[camera])
     batch.capture()
     assert list(picture) == ["rgb", "depth", "instance"]
     for output, array in picture.items():
@@ -63,8 +63,7 @@ def test_bad_input_is_refused(room, pose, look_at, said):
 def test_render_view_chooses(room):
     shapes = {}
     for name in ("top", "third_person"):
-        envs = flockstep.DroneVectorEnv(2, worlds=room, render_mode="rgb_array", render_view=name)
-        envs.reset(seed=0)
+        envs = begun(2, worlds=room, render_mode="rgb_array", render_view=name)
         shapes[name] = [frame.shape for frame in envs.render()]
         envs.close()
     assert shapes == {"top": [(256, 256, 3)] * 2, "third_person": [(480, 640, 3)] * 2}
@@ -97,8 +96,7 @@ def test_the_camera_is_chosen(room):
     cameras[1].quat_wxyz = (0.70710678, 0, 0.70710678, 0)
     keywords = {"worlds": room, "camera": cameras, "render_mode": "rgb_array"}
     for name, index in ((None, 0), ("below", 1), ("ahead", 0)):
-        envs = flockstep.DroneVectorEnv(1, **keywords, render_view="camera", render_camera=name)
-        envs.reset(seed=0)
+        envs = begun(1, **keywords, render_view="camera", render_camera=name)
         np.testing.assert_array_equal(envs.render()[0], envs.batch.camera(cameras[index].name).rgb[0])
     with refused(ValueError, "render_camera", "behind"):
         flockstep.DroneVectorEnv(1, **keywords, render_view="camera", render_camera="behind")
@@ -108,8 +106,7 @@ def shown(room, **keywords):
     """A picture of an env from a corner of the room, after a step."""
     view = ((0.5, 0.5, 3.5), (5, 6, 1))
     keywords = {"render_view": view, "render_size": (160, 120), "render_mode": "rgb_array", **keywords}
-    envs = flockstep.DroneVectorEnv(1, worlds=room, **keywords)
-    envs.reset(seed=0)
+    envs = begun(1, worlds=room, **keywords)
     envs.step([0])
     (image,) = envs.render()
     envs.close()
@@ -124,6 +121,23 @@ def test_the_dark_style_is_dark_with_bright_drones(room):
     # The same world from the same place: what is lit in one picture is not somewhere else in the other.
     edges = [np.abs(np.diff(image.mean(axis=-1), axis=1)) > 4 for image in (bright, dark)]
     assert (edges[0] & edges[1]).sum() > 0.3 * edges[1].sum()
+
+
+@pytest.mark.parametrize("samples", [4, 16])
+@pytest.mark.parametrize(
+    ("world", "viewer", "target"),
+    [("playground/train-3", (2, 7, 3.4), (11.7, 6.3, 2)), ("indoor/warehouse", (4, 14, 3), (11, 18.9, 1.6))],
+)
+def test_adaptive_samples_look_like_all_samples(world, viewer, target, samples):
+    def taken(**fields):
+        camera = flockstep.CameraConfig(hfov_deg=75, shadows=True, **fields)
+        return flockstep.render(world, viewer, look_at=target, camera=camera)["rgb"].astype(int)
+
+    adaptive, every = (taken(samples_per_pixel=samples, adaptive_samples=few) for few in (True, False))
+    for other, mean, strong in ((adaptive, (0, 0.4), (-1, 2e-3)), (taken(), (0.3, 5), (5e-3, 1))):
+        apart = np.abs(other - every).max(axis=-1)
+        assert mean[0] < apart.mean() < mean[1]
+        assert strong[0] < (apart > 16).mean() < strong[1]
 
 
 def test_more_samples_smooth_edges_only(room):

@@ -7,9 +7,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, world_of
 
-import flockstep
 from flockstep.pictures.relief import SOLID
 
 DOCS = ROOT / "docs"
@@ -61,8 +60,7 @@ def test_a_mesh_and_a_path_that_leaves_it_are_drawn(tmp_path):
     wall = [[3, -2, 0], [3, 2, 0], [3, 2, 2], [3, -2, 2]]
     floor = [[0, -3, 0], [6, -3, 0], [6, 3, 0], [0, 3, 0]]
     meshes = [{"vertices": corners, "triangles": [[0, 1, 2], [0, 2, 3]]} for corners in (wall, floor)]
-    scene = {"flockstep_scene": 1, "name": "wall", "meshes": meshes, "markers": {"goal": [5, 0, 1]}}
-    world = flockstep.World.from_dict(scene)
+    world = world_of(name="wall", meshes=meshes, markers={"goal": [5, 0, 1]})
     trail = np.float32([[1, 0, 1], [1, 2.5, 1], [8, 2.5, 1]])
     flight = Flight("wall", "time", 2, 0.0, 9.5, None, trail)
     figure, axes = plt.subplots()

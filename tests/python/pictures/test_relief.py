@@ -2,17 +2,13 @@
 
 import numpy as np
 import pytest
+from conftest import world_of
 
-import flockstep
 from flockstep.pictures import relief
 from flockstep.pictures.relief import SOLID, Relief
 
 NOTHING = (225, 225, 228)
 QUARTER = [0.70710678, 0, 0.70710678, 0]  # about y: z to x
-
-
-def world_of(**solids):
-    return flockstep.World.from_dict({"flockstep_scene": 1, "name": "some", **solids})
 
 
 def picture(world, cut_m, view="top", low=(0, 0), high=(8, 8), size=(160, 160)):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
+from conftest import begun, placed, world_of
 from messages import refused
 
 import flockstep
@@ -46,7 +47,7 @@ def changed(after, before):
 def test_the_viewer_moves_past_obstacles_that_end_where_the_motion_ends():
     """Thin bars, such as those of a gate, of which the last surface is less than a millimetre before the end."""
     box = {"center": [1, 0, 0], "size": [0.1, 1, 1]}
-    world = flockstep.World.from_dict({"flockstep_scene": 1, "boxes": [box]})
+    world = world_of(boxes=[box])
     for length in np.concatenate([1.05 + np.linspace(-2e-3, 2e-3, 41), 0.95 + np.linspace(-2e-3, 2e-3, 41)]):
         way = np.array([length, 0.0, 0.0])
         np.testing.assert_allclose(_pushed(world, np.array([True]), np.zeros(3), way, 0.0), way, atol=2e-3)
@@ -55,9 +56,8 @@ def test_the_viewer_moves_past_obstacles_that_end_where_the_motion_ends():
 @DRONES
 def test_the_drone_is_where_it_projects_to(room, drone):
     for position in [(2, 2.5, 2), (5, 6, 1), (7.4, 7.5, 3.7), (0.6, 0.5, 0.3)]:
-        batch = flockstep.Batch([dim(room)], drone=drone)
+        batch = placed([dim(room)], [position], drone=drone)
         view = ThirdPersonView(batch)
-        batch.set_pose(np.float32([position]))
         image = view.frame(0)
         assert (image.shape, image.dtype) == ((480, 640, 3), np.uint8)
         batch.remove([0])
@@ -102,8 +102,7 @@ def test_a_mesh_is_what_is_seen_and_how_far_off_the_viewer_is(room):
     box = trimesh.creation.box((1.8, 0.6, 0.2))
     slab = np.array(box.vertices)
     mesh = flockstep.DroneMesh(slab, box.faces, (0.02, 0.08, 0.5))
-    batch = flockstep.Batch([dim(room)], 2, drone=flockstep.DroneModel())
-    batch.set_pose(np.float32([[5, 6, 2], [6.5, 2, 2]]))
+    batch = placed([dim(room)], [[5, 6, 2], [6.5, 2, 2]], drone=flockstep.DroneModel())
     view = ThirdPersonView(batch, mesh=mesh, beams=False)
     fleet = ThirdPersonView(batch, mesh=mesh, beams=False, others=True)
     seen, both = view.frame(0), fleet.frame(0)
@@ -144,10 +143,9 @@ def test_the_viewer_stays_in_the_room_and_off_the_walls(room):
 
 def test_a_pillar_between_viewer_and_drone_dissolves(room):
     """The drone is visible through the pillar, which also stays visible."""
-    batch = flockstep.Batch([room], drone=HULL)
+    batch = placed([room], [[5.2, 3.9, 2]], drone=HULL)
     view = ThirdPersonView(batch)
     # The viewer is 3.2 m behind the drone, 1.3 m to its left and 1.7 m above it. The pillar at (4, 4.5) is half-way.
-    batch.set_pose(np.float32([[5.2, 3.9, 2]]))
     image = view.frame(0)
     r, g, b = image.astype(int).transpose(2, 0, 1)
     assert ((b > r + 20) & (b > g + 10)).sum() > 2000
@@ -164,8 +162,7 @@ def test_a_marker_between_viewer_and_drone_dissolves(room):
     between = viewer + 0.5 * (position - viewer)
     pictures = []
     for world in (bare, bare.with_markers(goal=between)):
-        batch = flockstep.Batch([world], drone=HULL)
-        batch.set_pose(np.float32([position]))
+        batch = placed([world], [position], drone=HULL)
         pictures.append(ThirdPersonView(batch).frame(0))
     hull = mask_of(pictures[0], "hull")
     assert hull.sum() > 2000
@@ -213,14 +210,8 @@ def test_a_viewer_who_follows_sees_the_recent_part_of_a_trail(room):
 
 def test_a_wall_of_triangles_does_not_dissolve_and_the_viewer_comes_before_it():
     wall = [[3, -20, -20], [3, 20, -20], [3, 20, 20], [3, -20, 20]]
-    scene = {
-        "flockstep_scene": 1,
-        "name": "wall",
-        "meshes": [{"vertices": wall, "triangles": [[0, 1, 2], [0, 2, 3]]}],
-    }
-    world = flockstep.World.from_dict(scene)
-    batch = flockstep.Batch([world], drone=HULL)
-    batch.set_pose(np.float32([[4.5, 0, 0]]))
+    world = world_of(meshes=[{"vertices": wall, "triangles": [[0, 1, 2], [0, 2, 3]]}])
+    batch = placed([world], [[4.5, 0, 0]], drone=HULL)
     assert mask_of(ThirdPersonView(batch).frame(0), "hull").sum() > 2000
     canvas = viewed(world, (4.5, 0, 0))
     assert canvas.project(np.array([[4.5, 0, 0.0]]))[0, 2] < 2.5
@@ -228,8 +219,7 @@ def test_a_wall_of_triangles_does_not_dissolve_and_the_viewer_comes_before_it():
 
 def test_beams_and_hits(room):
     lidar = flockstep.LidarConfig(azimuth_deg=[0], elevation_deg=[0], max_range_m=10)
-    batch = flockstep.Batch([room], lidar=lidar)
-    batch.set_pose(np.float32([[2, 6, 2]]))
+    batch = placed([room], [[2, 6, 2]], lidar=lidar)
     batch.sense()
     plain, drawn = ThirdPersonView(batch, beams=False).frame(0), ThirdPersonView(batch).frame(0)
     assert batch.lidar().ranges[0, 0, 0] == pytest.approx(6)
@@ -248,8 +238,7 @@ def test_beams_and_hits(room):
 
 def test_a_beam_that_misses_ends_without_a_dot(room):
     lidar = flockstep.LidarConfig(beams=9, hfov_deg=90, max_range_m=0.8)
-    batch = flockstep.Batch([room], lidar=lidar)
-    batch.set_pose(np.float32([[2, 6, 2]]))
+    batch = placed([room], [[2, 6, 2]], lidar=lidar)
     batch.sense()
     assert np.isinf(batch.lidar().ranges).all()
     plain, drawn = ThirdPersonView(batch, beams=False).frame(0), ThirdPersonView(batch).frame(0)
@@ -279,8 +268,7 @@ def test_a_frustums_corners_are_the_images_corners():
 
 def test_each_drones_own_camera_is_drawn(room):
     camera = flockstep.CameraConfig(name="belly", width_px=8, height_px=6)
-    batch = flockstep.Batch([room], 2, cameras=[camera])
-    batch.set_pose(np.float32([[2, 6, 2], [2, 6, 2]]))
+    batch = placed([room], [[2, 6, 2], [2, 6, 2]], cameras=[camera])
     batch.set_camera(np.array([False, True]), "belly", quat_wxyz=[0.70710678, 0, 0.70710678, 0])
     view = ThirdPersonView(batch, cameras=["belly"])
     ahead, down = view.frame(0), view.frame(1)
@@ -329,10 +317,7 @@ def test_the_trail_is_where_the_drone_was(room):
 
 
 def test_a_trail_begins_with_its_episode():
-    envs = flockstep.DroneVectorEnv(
-        3, worlds="train", render_mode="rgb_array", render_view="third_person", max_episode_steps=4
-    )
-    envs.reset(seed=0)
+    envs = begun(3, worlds="train", render_mode="rgb_array", render_view="third_person", max_episode_steps=4)
     start = envs.batch.position.copy()
     for _ in range(4):
         envs.step([0, 1, 2])
@@ -388,15 +373,28 @@ def test_a_picture_depends_only_on_its_env(room, closet):
 
 def test_a_small_hull_is_drawn_at_a_size_to_be_seen(room):
     drone = flockstep.DroneModel(np.float32([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]))
-    batch = flockstep.Batch([room], drone=drone)
-    batch.set_pose(np.float32([[5, 6, 2]]))
+    batch = placed([room], [[5, 6, 2]], drone=drone)
     assert mask_of(ThirdPersonView(batch).frame(0), "hull").sum() > 500
+
+
+def test_a_hull_has_lines_along_its_edges(room, monkeypatch):
+    batch = flockstep.Batch([room], drone=HULL)
+    batch.set_pose(np.float32([[5, 6, 2]]), np.float32([[0.8, 0, 0, 0.6]]))
+    view = ThirdPersonView(batch)
+    lined = view.frame(0)
+    starts = view._body.edges[:, 0]
+    monkeypatch.setattr(view._body, "edges", np.zeros((0, 2, 3)))
+    rows, columns = np.nonzero(changed(lined, view.frame(0)))
+    turned = rotate(batch.quat_wxyz[0].astype(float), starts.astype(float)) + batch.position[0]
+    ends = viewed(room, batch.position[0], batch.quat_wxyz[0]).project(turned)[:, :2]
+    apart = np.hypot(columns + 0.5 - ends[:, :1], rows + 0.5 - ends[:, 1:]).min(axis=1)
+    assert (apart < 2).mean() > 0.4  # the corners that are not hidden
+    assert len(rows) > 200
 
 
 def test_from_a_fixed_place_the_world_stays_and_all_drones_of_it_are_seen(room, closet):
     place = ((0.5, 7.5, 3.5), (5, 3, 1.5))
-    batch = flockstep.Batch([room, closet], 3, world_index=[0, 0, 1])
-    batch.set_pose(np.float32([[3, 6, 2], [5.5, 5, 1], [1, 1, 0.6]]))
+    batch = placed([room, closet], [[3, 6, 2], [5.5, 5, 1], [1, 1, 0.6]], world_index=[0, 0, 1])
     view = ThirdPersonView(batch, others=True, place=tuple(np.array(point) for point in place))
     image = view.frame(0)
     bare = flockstep.render(
@@ -440,8 +438,7 @@ def test_a_viewer_follows_smoothly_and_keeps_the_drone_in_view(room):
 
 def test_nothing_is_too_far_away_to_be_seen():
     """A tower 5 km away, beyond the range of the drone's own camera, in every view with depth."""
-    scene = {"flockstep_scene": 1, "name": "far", "boxes": [{"center": [5000, 0, 0], "size": [200, 200, 4000]}]}
-    world = flockstep.World.from_dict(scene)
+    world = world_of(boxes=[{"center": [5000, 0, 0], "size": [200, 200, 4000]}])
     depth = viewed(world, (0, 0, 1500)).depth
     assert depth[np.isfinite(depth)].min() > 3500
     assert np.isfinite(depth).sum() > 1000
@@ -453,8 +450,7 @@ def test_an_envs_own_camera_is_shown_and_its_view_drawn(room):
     camera = flockstep.CameraConfig(name="eye", width_px=32, height_px=24)
     shown = {}
     for name in ("camera", "third_person"):
-        envs = flockstep.DroneVectorEnv(2, worlds=room, camera=camera, render_mode="rgb_array", render_view=name)
-        envs.reset(seed=0)
+        envs = begun(2, worlds=room, camera=camera, render_mode="rgb_array", render_view=name)
         envs.step([0, 2])
         shown[name] = envs.render()
         if name == "camera":

@@ -1,6 +1,7 @@
 """Pictures from above."""
 
 import numpy as np
+from conftest import placed, world_of
 
 import flockstep
 from flockstep.pictures.lines import beams_of
@@ -76,15 +77,11 @@ def test_beams_are_those_of_the_lidar_as_it_is_now(room):
 
 def test_what_is_higher_than_the_drone_is_cut_away():
     """Under a roof, in a room with a ceiling: drone and floor are visible, or the roof if the cut is above it."""
-    scene = {
-        "flockstep_scene": 1,
-        "name": "roofed",
-        "room": {"min": [0, 0, 0], "max": [8, 8, 6]},
-        "boxes": [{"center": [4, 4, 3.1], "size": [6, 6, 0.2]}, {"center": [2, 2, 0.25], "size": [1, 1, 0.5]}],
-    }
-    world = flockstep.World.from_dict(scene)
-    batch = flockstep.Batch([world], 2)
-    batch.set_pose(np.float32([[6, 4, 1.5], [6, 4, 5]]))
+    world = world_of(
+        room={"min": [0, 0, 0], "max": [8, 8, 6]},
+        boxes=[{"center": [4, 4, 3.1], "size": [6, 6, 0.2]}, {"center": [2, 2, 0.25], "size": [1, 1, 0.5]}],
+    )
+    batch = placed([world], [[6, 4, 1.5], [6, 4, 5]])
     below, above = (TopView(batch).frame(i) for i in range(2))
     assert pixel(below, 6, 4, world) == pixel(above, 6, 4, world) == DRONE
     assert pixel(below, 4, 4, world) == pixel(below, 0.5, 4, world) == FLOOR
@@ -97,13 +94,10 @@ def test_what_is_higher_than_the_drone_is_cut_away():
 
 def test_its_size_and_what_is_too_small_to_see():
     """A world of kilometres: the drone and its markers, outside the geometry, are visible."""
-    scene = {
-        "flockstep_scene": 1,
-        "name": "plain",
-        "boxes": [{"center": [0, 0, -1], "size": [4000, 2000, 2]}],
-        "markers": {"start": [-1000, 500, 300], "goal": [3000, 0, 10]},
-    }
-    world = flockstep.World.from_dict(scene)
+    world = world_of(
+        boxes=[{"center": [0, 0, -1], "size": [4000, 2000, 2]}],
+        markers={"start": [-1000, 500, 300], "goal": [3000, 0, 10]},
+    )
     batch = flockstep.Batch([world], 1)
     image = TopView(batch, size_px=(400, 100)).frame(0)
     assert image.shape == (100, 400, 3)

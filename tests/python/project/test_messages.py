@@ -12,14 +12,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, world_of
 from gymnasium import spaces
 from messages import message
 from simple_tasks import Still
 
 import flockstep
 
-ROOM = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [9, 9, 9]}})
+ROOM = world_of(room={"min": [0, 0, 0], "max": [9, 9, 9]})
 HOME = ROOM.with_drawn_markers(0)
 
 

@@ -21,7 +21,7 @@ from flockstep.client import protocol
 
 KEPT = json.loads(Path(__file__).with_name("places.json").read_text(encoding="utf-8"))
 CODE = ("engine", "bindings", "envs", "server", "training", "tools", "bench", "scenes")
-MADE = re.compile(r"env_keywords|client/changes|core\.pyi$")
+MADE = re.compile(r"env_keywords|client/changes|learning/arguments|core\.pyi$")
 #: How many files may name a new one.
 BUDGET = {"task": 6, "sensor": 5, "operation": 3, "field": 2}
 MOST_LINES, MOST_FILES = 500, 40

@@ -3,6 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
+from conftest import placed
 from messages import refused
 
 import flockstep
@@ -173,15 +174,13 @@ class TestSlices:
 
     def test_bodies_come_after_them(self, office):
         places = office.free_places(30, seed=4)
-        batch = flockstep.Batch([office], 30, lidar=FAN, tracer="slices")
-        batch.set_pose(places)
+        batch = placed([office], places, lidar=FAN, tracer="slices")
         batch.sense()
         ahead = batch.lidar().ranges[:, 0, FAN.beams // 2]
         free = int(ahead.argmax())  # the way ahead is free for at least a metre
         empty = batch.lidar().ranges[free, 0].copy()
         ball = BodyConfig(shape="sphere", size_m=(0.6, 0.6, 0.6), position_m=(places[free] + [1.0, 0, 0]).tolist())
-        batch = flockstep.Batch([office], bodies=[ball], lidar=FAN, tracer="slices")
-        batch.set_pose(places[free][None])
+        batch = placed([office], places[free][None], bodies=[ball], lidar=FAN, tracer="slices")
         batch.sense()
         seen = batch.lidar().ranges[0, 0]
         along = batch.lidar().directions[0].reshape(-1, 3)[:, 0].astype(float)

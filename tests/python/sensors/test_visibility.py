@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import placed
 from messages import refused
 
 import flockstep
@@ -60,8 +61,7 @@ def test_sensors_see_what_is_visible(form, flags, seen):
 @pytest.mark.parametrize(("flags", "hit"), [({}, True), ({"solid": False}, False), ({"visible": False}, True)])
 def test_drones_hit_what_is_solid(form, flags, hit):
     world = hall(form, **flags)
-    batch = flockstep.Batch([world], 1)
-    batch.set_pose([[0, 0, 0]])
+    batch = placed([world], [[0, 0, 0]])
     assert bool(batch.move([[5, 0, 0]]).hit[0]) == hit
     assert (batch.position[0, 0] < X) == hit
     path = flockstep.plan(world, [0, 0, 0], [[5, 0, 0]])
@@ -83,8 +83,7 @@ def test_what_is_hidden_casts_no_shadow():
     frames = []
     for world in (lit, hidden):
         camera = flockstep.CameraConfig(width_px=32, height_px=24, shadows=True, quat_wxyz=DOWN)
-        batch = flockstep.Batch([world], 1, cameras=[camera])
-        batch.set_pose([[0, 0, 2]])
+        batch = placed([world], [[0, 0, 2]], cameras=[camera])
         batch.sense()
         batch.capture()
         frames.append(batch.camera().rgb[0].copy())

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from ardupilot_pilot import IDLE, Controller, Pilot, parse, servo_packet
 from clients import eventually
+from conftest import flat_batch, world_of
 from messages import refused
 from scipy.spatial.transform import Rotation
 
@@ -20,7 +21,7 @@ import flockstep
 from flockstep.bridges import ArduPilotBridge
 from flockstep.bridges.ardupilot import rotors_of_quad_x, state_line
 
-HALL = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-20, -20, 0], "max": [20, 20, 10]}})
+HALL = world_of(room={"min": [-20, -20, 0], "max": [20, 20, 10]})
 START = (2.0, -3.0, 0.15)  # m: just above the floor, east of the origin and south of it
 # Rows: north, east, down in our world frame; forward, right, down in our body frame.
 ENU_TO_NED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]], float)
@@ -29,14 +30,7 @@ FLU_TO_FRD = np.diag([1.0, -1.0, -1.0])
 
 def batch_of(num_drones=1, *, drone="x500", control="rotor_thrusts", physics_hz=1200, per_env=1, **settings):
     settings = {"motion": "rotors", "control": control, "on_contact": "stop"} | settings
-    batch = flockstep.Batch(
-        [HALL],
-        num_drones,
-        drone=drone,
-        drones_per_env=per_env,
-        clock=flockstep.ClockConfig(physics_hz=physics_hz),
-        dynamics=flockstep.DynamicsConfig(**settings),
-    )
+    batch = flat_batch([HALL], num_drones, drone=drone, drones_per_env=per_env, physics_hz=physics_hz, **settings)
     batch.set_pose([[START[0] + i, *START[1:]] for i in range(num_drones)])
     return batch
 

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 from clients import eventually, served
-from conftest import ROOM
+from conftest import ROOM, placed
 from messages import refused
 from PIL import Image
 
@@ -24,8 +24,7 @@ START = np.float32([[2, 4, 2], [2, 4.5, 2], [3, 2, 1], [6, 6, 3]])
 
 
 def make(room, **keywords):
-    batch = flockstep.Batch([room], 4, lidar=LIDAR, cameras=[CAMERA], **keywords)
-    batch.set_pose(START)
+    batch = placed([room], START, lidar=LIDAR, cameras=[CAMERA], **keywords)
     batch.sense()
     return batch
 
@@ -45,6 +44,7 @@ def test_what_the_server_tells_of_itself(batch, client):
     info = client.info
     assert (info.version, info.num_envs, info.drones_per_env, info.num_drones) == (flockstep.__version__, 4, 1, 4)
     assert (info.lidars, info.cameras, info.imus) == (("scan",), ("eye",), ())
+    assert info.sensors == ("scan", "eye")
     assert (info.flies_by_rotors, info.has_task, info.client > 0) == (False, False, True)
     assert info.step_s == pytest.approx(1 / batch.clock.policy_hz)
     assert {"position", "quat_wxyz", "active"} <= set(info.array_names)
@@ -176,8 +176,7 @@ def test_the_file_of_a_still_camera_follows_every_change(room, connect):
     """The server keeps the files of pictures that stand still."""
     camera = flockstep.CameraConfig(name="eye", width_px=16, height_px=12, capture_mode="on_demand")
     body = flockstep.BodyConfig(size_m=(0.5, 0.5, 0.5), position_m=(4, 3.5, 2))
-    batch = flockstep.Batch([room], 4, drones_per_env=4, interaction="sense", cameras=[camera], max_bodies=1)
-    batch.set_pose(START)
+    batch = placed([room], START, drones_per_env=4, interaction="sense", cameras=[camera], max_bodies=1)
     snapshots = []
     with served(batch, connect) as client:
 
@@ -292,8 +291,7 @@ def test_drones_that_collide_begin_at_free_places(room, connect):
 
 
 def test_places_inside_something_are_refused(room, connect):
-    touched = flockstep.Batch([room], 2, interaction="collide", drones_per_env=2)
-    touched.set_pose([[2, 4, 2], [6, 6, 3]])
+    touched = placed([room], [[2, 4, 2], [6, 6, 3]], interaction="collide", drones_per_env=2)
     far = [(np.nan, 0, 0), (0, 0, 1e9)]  # the second is refused by the batch, as a position
     for batch, places in (
         (flockstep.Batch([room], 4, lidar=LIDAR), [PILLAR, (2, 4, -1), (100, 4, 2)]),

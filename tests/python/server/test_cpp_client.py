@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import placed
 from cpp_programs import COMPILERS, ROOT, WARNINGS, configure, exported, install, linux_only, run
 
 import flockstep
@@ -47,8 +48,7 @@ def serving(motion: str = "kinematic") -> Iterator[tuple[flockstep.Batch, str]]:
     builder.room(CENTER - HALF, CENTER + HALF, builder.material("wall"))
     dynamics = flockstep.DynamicsConfig(motion=motion, control="pose" if motion == "kinematic" else "heading_velocity")
     lidar = flockstep.LidarConfig(beams=4, hfov_deg=360)
-    batch = flockstep.Batch(builder.build(), 2, drones_per_env=2, lidar=lidar, dynamics=dynamics)
-    batch.set_pose(np.float32([[-1, 0, 2]] * 2))
+    batch = placed(builder.build(), [[-1, 0, 2]] * 2, drones_per_env=2, lidar=lidar, dynamics=dynamics)
     batch.remove([1])
     with flockstep.serve(batch, port=0) as server:
         yield batch, server.address

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, begun, placed
 from mcap.exceptions import McapError
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
@@ -249,10 +249,8 @@ class TestRates:
 
 
 class TestEnvironments:
-    @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
     def test_time_goes_on_in_the_next_episode(self, mode, tmp_path):
-        envs = flockstep.DroneVectorEnv(4, worlds="train", autoreset_mode=mode, max_episode_steps=7)
-        envs.reset(seed=3)
+        envs = begun(4, worlds="train", autoreset_mode=mode, max_episode_steps=7, seed=3)
         with McapRecorder(tmp_path / "a.mcap", envs) as recorder:
             recorder.write()
             for _ in range(40):
@@ -267,8 +265,7 @@ class TestEnvironments:
         assert [name for name in found if name.startswith("/drone")] == ["/drone0/lidar/points"]
 
     def test_chosen_drones_of_several_envs(self, tmp_path):
-        envs = flockstep.DroneVectorEnv(4, worlds="train", max_episode_steps=5)
-        envs.reset(seed=0)
+        envs = begun(4, worlds="train", max_episode_steps=5)
         with McapRecorder(tmp_path / "a.mcap", BatchSource(envs.batch, [2, 0])) as recorder:
             for _ in range(20):
                 envs.step(envs.action_space.sample())
@@ -283,8 +280,7 @@ class TestEnvironments:
 
     def test_a_changed_lidar(self, tmp_path):
         """Directions follow `Batch.set_lidar`."""
-        batch = flockstep.Batch("playground/train-1", 1, lidar=flockstep.LidarConfig(max_range_m=20))
-        batch.set_pose([[3, 3, 2]])
+        batch = placed("playground/train-1", [[3, 3, 2]], lidar=flockstep.LidarConfig(max_range_m=20))
         source = BatchSource(batch)
         for hfov_deg in (270, 90):
             batch.set_lidar(hfov_deg=hfov_deg)

@@ -3,6 +3,7 @@
 import gymnasium
 import numpy as np
 import torch
+from conftest import world_of
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 
@@ -15,14 +16,7 @@ SMALL = {"n_steps": 8, "batch_size": 64, "n_epochs": 2, "seed": 1}
 NET = {"net_arch": [8]}
 OPTIONS = {"normalize_observations": True, "normalize_rewards": True}
 
-ROOM = flockstep.World.from_dict(
-    {
-        "flockstep_scene": 1,
-        "name": "room",
-        "room": {"min": [0, 0, 0], "max": [8, 8, 4]},
-        "markers": {"start": [4, 4, 2]},
-    }
-)
+ROOM = world_of(name="room", room={"min": [0, 0, 0], "max": [8, 8, 4]}, markers={"start": [4, 4, 2]})
 
 
 class Still(gymnasium.Env):
@@ -116,8 +110,7 @@ def state_of(model):
 
 
 def assert_same(one, other):
-    for expected, got in zip(state_of(one), state_of(other), strict=True):
-        np.testing.assert_array_equal(got, expected)
+    np.testing.assert_equal(state_of(one), state_of(other))
 
 
 # --- learners without a model

@@ -8,13 +8,14 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
+from conftest import flat_batch, world_of
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import flockstep
 
 GRAVITY = 9.81  # m/s^2
-OPEN = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-2e4] * 3, "max": [2e4] * 3}})
+OPEN = world_of(room={"min": [-2e4] * 3, "max": [2e4] * 3})
 UP = np.array([0.0, 0.0, 1.0])
 FRAMES = flockstep.DroneModel.names()
 CONTROLS = (  # that `fly` and the flight tasks accept
@@ -74,20 +75,10 @@ def drone_of(data):
         return flockstep.DroneModel.from_dict(data)
 
 
-def batch_of(
-    data, num_drones=1, policy_hz=100.0, physics_hz=500.0, num_threads=1, block_size=64, worlds=(OPEN,), **dynamics
-):
+def batch_of(data, num_drones=1, policy_hz=100.0, physics_hz=500.0, worlds=(OPEN,), **fields):
     """A batch of drones with simulated rotors of a frame, commanded by rotor speeds unless ``control`` is given."""
-    settings = {"motion": "rotors", "control": "rotor_speeds", **dynamics}
-    return flockstep.Batch(
-        list(worlds),
-        num_drones,
-        drone=drone_of(data),
-        dynamics=flockstep.DynamicsConfig(**settings),
-        clock=flockstep.ClockConfig(policy_hz=policy_hz, physics_hz=physics_hz),
-        num_threads=num_threads,
-        block_size=block_size,
-    )
+    usual = {"motion": "rotors", "control": "rotor_speeds", "num_threads": 1, "policy_hz": policy_hz}
+    return flat_batch(list(worlds), num_drones, drone=drone_of(data), **usual | {"physics_hz": physics_hz} | fields)
 
 
 def fly_for(batch, command, seconds, policy_hz=100):

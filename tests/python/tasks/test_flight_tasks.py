@@ -6,19 +6,17 @@ import pickle
 import gymnasium
 import numpy as np
 import pytest
+from conftest import begun, world_of
 from messages import refused
 from rigid_body import CONTROLS, OPEN
 from scipy.spatial.transform import Rotation
 
 import flockstep
 from flockstep.rotations import rotate
-from flockstep.testing import check_vector_env
 
-ROOM = flockstep.World.from_dict(
-    {"flockstep_scene": 1, "room": {"min": [10, -6, 0], "max": [22, 6, 8]}, "markers": {"goal": [15, 0.5, 4]}}
-)
+ROOM = world_of(room={"min": [10, -6, 0], "max": [22, 6, 8]}, markers={"goal": [15, 0.5, 4]})
 GOAL = ROOM.goal  # target of the tasks: neither the origin nor the middle of the room
-NO_GOAL = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-3, -2, 1], "max": [4, 6, 6]}})
+NO_GOAL = world_of(room={"min": [-3, -2, 1], "max": [4, 6, 6]})
 WORLDS = [ROOM, NO_GOAL, flockstep.World.load("arena/hall")]
 
 WEIGHTS = {"near_weight": 1.5, "spin_weight": 0.7, "change_weight": 0.3, "crash_weight": 4.0}
@@ -40,8 +38,7 @@ def tracking(path, yaw):
 
 
 def make(config, num_envs=1, **keywords):
-    envs = flockstep.DroneVectorEnv(num_envs, task=config, **{"worlds": ROOM, "policy_hz": POLICY_HZ, **keywords})
-    envs.reset(seed=0)
+    envs = begun(num_envs, task=config, **{"worlds": ROOM, "policy_hz": POLICY_HZ, **keywords})
     return envs
 
 
@@ -137,11 +134,6 @@ class TestTwins:
         assert ways[2] > 0 or dynamics["control"] == "position", ways
 
 
-@BOTH
-def test_the_checker(config):
-    check_vector_env(lambda n: flockstep.DroneVectorEnv(n, task=config, max_episode_steps=20), steps=50)
-
-
 def looks_even(values, low, high):
     """Test 20,000 values for a uniform distribution that reaches both limits, by Kolmogorov's distance."""
     shares = np.sort((np.asarray(values, float) - low) / (high - low))
@@ -170,9 +162,8 @@ class TestHover:
         np.testing.assert_allclose(batch.rotor_speed, batch.drone.hover_speed_radps, rtol=1e-6)
 
     def test_starts_touch_nothing(self):
-        box = {"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [0.5, 0.5, 0.3]}}
         config = flockstep.HoverConfig(start_offset_m=0.3, start_tilt_deg=30.0, start_speed_mps=0.0)
-        batch = make(config, 1000, worlds=flockstep.World.from_dict(box)).batch
+        batch = make(config, 1000, worlds=world_of(room={"min": [0, 0, 0], "max": [0.5, 0.5, 0.3]})).batch
         assert np.ptp(batch.position, axis=0) == pytest.approx([0.4, 0.4, 0.25], abs=0.05)
         assert len(np.unique(batch.position, axis=0)) == 1000
         batch.step(np.zeros((1000, 4), np.float32))
@@ -429,8 +420,7 @@ class TestWorlds:
 
     @BOTH
     def test_a_world_without_a_room_has_no_end(self, config):
-        far = {"flockstep_scene": 1, **BLOCK, "markers": {"goal": [40, 4, 2]}}
-        make(config, worlds=flockstep.World.from_dict(far))
+        make(config, worlds=world_of(**BLOCK, markers={"goal": [40, 4, 2]}))
 
 
 def flown(envs, steps, first=0):
@@ -446,8 +436,7 @@ def flown(envs, steps, first=0):
 
 def shaken(config, num_envs=6, **keywords):
     arguments = {"max_episode_steps": 15, "worlds": WORLDS, "random_world": True, **keywords}
-    envs = flockstep.DroneVectorEnv(num_envs, task=config, **arguments)
-    envs.reset(seed=4)
+    envs = begun(num_envs, task=config, **arguments, seed=4)
     return envs
 
 

@@ -2,23 +2,19 @@
 
 import numpy as np
 import pytest
+from conftest import world_of
 from messages import refused
 
 import flockstep
 from flockstep import EpisodeEnd
-from flockstep.testing import check_vector_env
 
 ROUNDING = 2e-5
 SHAPES = ("line", "column", "v", "circle")
 NOISE = flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=2.0)
-ROOM = flockstep.World.from_dict(
-    {
-        "flockstep_scene": 1,
-        "name": "corner",
-        "room": {"min": [-12, -12, 0], "max": [12, 12, 4]},
-        "boxes": [{"center": [0, -3, 2], "size": [1, 12, 4]}],
-        "markers": {"start": [-6, -6, 1.5], "goal": [6, -6, 1.5], "radius": 0.2},
-    }
+ROOM = world_of(
+    room={"min": [-12, -12, 0], "max": [12, 12, 4]},
+    boxes=[{"center": [0, -3, 2], "size": [1, 12, 4]}],
+    markers={"start": [-6, -6, 1.5], "goal": [6, -6, 1.5], "radius": 0.2},
 )
 
 
@@ -177,14 +173,10 @@ def wide_room(length=60.0, width=60.0, gap=2.0):
     """A room with a wall across, and a gap in its middle."""
     side = (width - gap) / 2
     boxes = [{"center": [0, sign * (gap + side) / 2, 2], "size": [1, side, 4]} for sign in (-1, 1)]
-    return flockstep.World.from_dict(
-        {
-            "flockstep_scene": 1,
-            "name": "gap",
-            "room": {"min": [-length / 2, -width / 2, 0], "max": [length / 2, width / 2, 4]},
-            "boxes": boxes,
-            "markers": {"start": [1 - length / 2, 0, 2], "goal": [length / 2 - 1, 0, 2], "radius": 0.2},
-        }
+    return world_of(
+        room={"min": [-length / 2, -width / 2, 0], "max": [length / 2, width / 2, 4]},
+        boxes=boxes,
+        markers={"start": [1 - length / 2, 0, 2], "goal": [length / 2 - 1, 0, 2], "radius": 0.2},
     )
 
 
@@ -260,10 +252,6 @@ class TestObservation:
         assert (envs.num_groups, envs.drones_per_env, envs.num_envs) == (2, 4, 8)
         assert envs.recipe.interaction == "both"
         assert (envs.batch.lidar().ranges < 4).any()  # drones see each other
-
-
-def test_it_keeps_the_rules_of_environments():
-    check_vector_env(lambda n: flockstep.DroneVectorEnv(n, task=flockstep.FormationConfig(), max_episode_steps=30))
 
 
 @pytest.mark.parametrize(

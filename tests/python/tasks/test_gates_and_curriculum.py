@@ -4,9 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from conftest import begun, world_of
 from gymnasium import spaces
 from messages import refused
-from test_terms import HALL, MODES, Still, still
+from test_terms import HALL, Still, still
 
 import flockstep
 from flockstep import EpisodeEnd
@@ -15,13 +16,8 @@ from flockstep.testing import check_vector_env
 
 
 def gates_world(name, gates):
-    return flockstep.World.from_dict(
-        {
-            "flockstep_scene": 1,
-            "name": name,
-            "room": {"min": [-40, -40, 0], "max": [40, 40, 40]},
-            "gates": [{**gate, "solid": False} for gate in gates],
-        }
+    return world_of(
+        name=name, room={"min": [-40, -40, 0], "max": [40, 40, 40]}, gates=[{**gate, "solid": False} for gate in gates]
     )
 
 
@@ -96,8 +92,7 @@ class TestCrossed:
     def envs(self, num_envs=1, worlds=LANE, miss_m=None, **keywords):
         task = Gates()
         task.miss_m = miss_m
-        envs = flockstep.DroneVectorEnv(num_envs, worlds=worlds, task=task, **keywords)
-        envs.reset(seed=0)
+        envs = begun(num_envs, worlds=worlds, task=task, **keywords)
         return envs, task
 
     @pytest.mark.parametrize(
@@ -206,18 +201,15 @@ class Ladder(Still):
 
 
 class TestCurriculum:
-    @pytest.mark.parametrize("mode", MODES)
     def test_passes_the_checker(self, mode):
         check_vector_env(
             lambda n: flockstep.DroneVectorEnv(n, task=Ladder(), autoreset_mode=mode, num_threads=1),
         )
 
-    @pytest.mark.parametrize("mode", MODES)
     @pytest.mark.parametrize("frame_skip", [1, 2])
     def test_is_called_once_for_each_episode_that_ended(self, mode, frame_skip):
         task = Ladder()
-        envs = flockstep.DroneVectorEnv(8, task=task, autoreset_mode=mode, frame_skip=frame_skip)
-        envs.reset(seed=0)
+        envs = begun(8, task=task, autoreset_mode=mode, frame_skip=frame_skip)
         level, calls, successes = np.zeros(8, int), 0, 0
         for _ in range(30):
             before = level.copy()
@@ -274,8 +266,7 @@ class TestCurriculum:
                     )
                 )
 
-        envs = flockstep.DroneVectorEnv(3, task=Reads)
-        envs.reset(seed=0)
+        envs = begun(3, task=Reads)
         for _ in range(3):
             envs.step(still(envs))
         task, time = EpisodeEnd.task, EpisodeEnd.time
@@ -297,7 +288,6 @@ class TestCurriculum:
             def curriculum(self, batch, rows):
                 rows_seen.append((rows.tolist(), batch.episode_end[rows].tolist()))
 
-        envs = flockstep.DroneVectorEnv(3, task=Team, drones_per_env=2)
-        envs.reset(seed=0)
+        envs = begun(3, task=Team, drones_per_env=2)
         envs.step(still(envs))
         assert rows_seen == [([2, 3], [EpisodeEnd.task, EpisodeEnd.teammate])]

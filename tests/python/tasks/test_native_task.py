@@ -51,7 +51,6 @@ def test_what_it_declares_is_its_space(env_id):
     assert envs.unwrapped.batch.spec.reward_terms == ["closer", "arrived"]
 
 
-@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 def test_passes_the_checker(env_id, mode):
     arguments = {"worlds": HALL, "autoreset_mode": mode, "max_episode_steps": 20}
     check_vector_env(lambda n: gymnasium.make_vec(env_id, num_envs=n, **arguments))
@@ -79,8 +78,7 @@ def test_a_snapshot_has_its_state(env_id):
     other.restore(one.snapshot())
     for _ in range(20):
         actions = rng.uniform(-1, 1, (4, 3)).astype(np.float32)
-        for a, b in zip(one.step(actions)[:4], other.step(actions)[:4], strict=True):
-            np.testing.assert_array_equal(a, b)
+        np.testing.assert_equal(one.step(actions)[:4], other.step(actions)[:4])
 
 
 def test_other_files_than_libraries_are_refused(tmp_path):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import begun
 from messages import refused
 
 import flockstep
@@ -49,7 +50,6 @@ def homing(batch, rng, kind):
 @pytest.mark.parametrize(
     "reward", [flockstep.NavigationReward(), WEIGHTED, OVERSHOOT], ids=["thesis", "weighted", "overshoot"]
 )
-@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, reward, mode):
     worlds = [room, closet, *playgrounds]
     lidar = flockstep.LidarConfig()
@@ -87,29 +87,6 @@ def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, re
     assert succeeded > 5
 
 
-class TestByHand:
-    @pytest.fixture
-    def env(self, room):
-        env = flockstep.DroneVectorEnv(1, worlds=room, num_threads=1)
-        env.reset(seed=0)
-        return env
-
-    def test_the_first_observation(self, env):
-        observation = env.reset()[0][0]
-        offset = np.array([2, -1.5, 0])  # from the start to the waypoint
-        np.testing.assert_allclose(observation[:3], offset / np.linalg.norm(offset), atol=1e-6)
-        assert observation[3 + 17] == pytest.approx((4 - 0.25 * np.cos(0) - 2) / 3, abs=0.5)
-        np.testing.assert_allclose(observation[3], min(1, 2 / np.cos(np.radians(45)) / 3), atol=1e-5)
-
-    def test_the_first_step(self, env):
-        _, reward, _, _, _ = env.step([0])
-        before, after = np.hypot(2, 1.5), np.hypot(1.9, 1.5)
-        ranges = np.minimum(env.batch.lidar().ranges[0, 0] / 3, 1)
-        free = (ranges / 0.2 - 1).sum() / (35 / 0.2 - 35)
-        assert reward[0] == pytest.approx(100 * (before - after) + free - 0 - 1, abs=1e-3)
-        np.testing.assert_allclose(env.batch.reward_terms[0], [100 * (before - after), 0, free, 0, -1, 0], atol=1e-3)
-
-
 def test_the_thesis_rewards_come_about_with_its_switch(playgrounds):
     """A flight along a shortest path earns about the reward in the thesis: 11,435.5 on train-3."""
     env = flockstep.DroneVectorEnv(
@@ -132,7 +109,6 @@ def test_the_thesis_rewards_come_about_with_its_switch(playgrounds):
     assert 10_500 < total < 12_000
 
 
-@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 def test_a_task_in_python_has_the_same_episodes(room, closet, playgrounds, example, mode):
     """Frame skip, staggered time limits and random worlds belong to the engine, for tasks in any language."""
     lidar, config = flockstep.LidarConfig(), flockstep.NavigationConfig()
@@ -164,8 +140,7 @@ def test_a_task_in_python_has_the_same_episodes(room, closet, playgrounds, examp
 
 def test_the_engines_terms_are_those_of_the_twin(room, playgrounds, example):
     task = example("navigation_numpy").Navigation(flockstep.NavigationConfig(), flockstep.LidarConfig())
-    envs = flockstep.DroneVectorEnv(40, worlds=[room, *playgrounds], task=task)
-    envs.reset(seed=0)
+    envs = begun(40, worlds=[room, *playgrounds], task=task)
     batch, rng = envs.batch, np.random.default_rng(2)
     for _ in range(60):
         envs.step(rng.integers(6, size=40))

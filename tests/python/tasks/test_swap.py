@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from conftest import world_of
 from messages import refused
 
 import flockstep
 from flockstep import EpisodeEnd
-from flockstep.testing import check_vector_env
 
 ROUNDING = 2e-5
 NOISE = flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=2.0)
@@ -50,9 +50,7 @@ class TestPlaces:
         np.testing.assert_allclose(np.linalg.norm(goal[:, :2], axis=1), 32 * 1.3 / (2 * np.pi), rtol=1e-5)
 
     def test_a_small_world_is_refused(self):
-        room = flockstep.World.from_dict(
-            {"flockstep_scene": 1, "name": "closet", "room": {"min": [-3, -3, 0], "max": [3, 3, 3]}}
-        )
+        room = world_of(name="closet", room={"min": [-3, -3, 0], "max": [3, 3, 3]})
         with refused(ValueError, "worlds", 'world "closet'):
             make(worlds=room)
 
@@ -110,10 +108,6 @@ class TestObservation:
             observation, *_ = envs.step(0.5 * observation[:, :2])
         assert (observation[:, 2] < distance - 0.05).all()
         np.testing.assert_allclose(envs.batch.position[:, 2], height, atol=0.1)
-
-
-def test_it_keeps_the_rules_of_environments():
-    check_vector_env(lambda n: flockstep.DroneVectorEnv(n, task=flockstep.SwapConfig(), max_episode_steps=30))
 
 
 @pytest.mark.parametrize(("mode", "drones"), [("next_step", 5), ("same_step", 8), ("disabled", 1)])

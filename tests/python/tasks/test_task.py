@@ -9,21 +9,13 @@ import weakref
 
 import numpy as np
 import pytest
+from conftest import begun
 from gymnasium import spaces
 from messages import refused
 from simple_tasks import Climb, Lapper
 
 import flockstep
 from flockstep.testing import check_vector_env
-
-MODES = ["next_step", "same_step", "disabled"]
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_a_small_task_passes_the_checker(room, mode):
-    check_vector_env(
-        lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=Climb(), autoreset_mode=mode, num_threads=1)
-    )
 
 
 def test_statistics_of_episodes(room):
@@ -48,17 +40,9 @@ def test_statistics_of_episodes(room):
 
 
 class TestWhatATaskReports:
-    @pytest.mark.parametrize("mode", MODES)
-    def test_passes_the_checker(self, room, mode):
-        check_vector_env(
-            lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=Lapper(), autoreset_mode=mode, num_threads=1)
-        )
-
-    @pytest.mark.parametrize("mode", MODES)
     @pytest.mark.parametrize("frame_skip", [1, 2])
     def test_ends_infos_and_terms(self, room, mode, frame_skip):
-        env = flockstep.DroneVectorEnv(2, worlds=room, task=Lapper(), autoreset_mode=mode, frame_skip=frame_skip)
-        env.reset(seed=0)
+        env = begun(2, worlds=room, task=Lapper(), autoreset_mode=mode, frame_skip=frame_skip)
         sums = np.zeros((2, 2))
         for step in range(frame_skip, 7, frame_skip):
             _, _, terminated, truncated, infos = env.step(np.float32([[0, 0, 0.5], [0, 0, -0.5]]))
@@ -123,8 +107,7 @@ def test_steps_and_flying_are_what_they_say(room):
             return super().step(batch)
 
     seen = []
-    env = flockstep.DroneVectorEnv(2, worlds=room, task=Probe(), max_episode_steps=3)
-    env.reset(seed=0)
+    env = begun(2, worlds=room, task=Probe(), max_episode_steps=3)
     for _ in range(5):
         env.step(np.zeros((2, 3), np.float32))
     # The fourth step resets both envs: no drone flies, and there is no reward.
@@ -155,13 +138,11 @@ def test_a_task_names_its_worlds(room, closet):
 
 def test_a_task_declares_frame_skip_and_random_world(room, closet):
     task = type("Drawn", (Climb,), {"worlds": [room, closet], "random_world": True, "frame_skip": 3})
-    envs = flockstep.DroneVectorEnv(40, task=task)
-    envs.reset(seed=0)
+    envs = begun(40, task=task)
     assert set(envs.batch.world_index[::2]) == {0, 1}  # worlds in turn would give only 0
     envs.step(np.zeros((40, 3), np.float32))
     assert envs.batch.steps[envs.batch.world_index == 0].tolist() == [3] * np.sum(envs.batch.world_index == 0)
-    given = flockstep.DroneVectorEnv(4, task=task, random_world=False, frame_skip=2)  # the env's keywords win
-    given.reset(seed=0)
+    given = begun(4, task=task, random_world=False, frame_skip=2)
     given.step(np.zeros((4, 3), np.float32))
     assert given.batch.world_index.tolist() == [0, 1, 0, 1]
     assert given.batch.steps[::2].tolist() == [2, 2]
@@ -173,15 +154,13 @@ def test_a_reset_puts_drones_into_worlds_of_its_choice(room, closet):
             batch.set_world(np.where(batch.episode > 0, 1, 0), mask)
             super().reset(batch, mask)
 
-    envs = flockstep.DroneVectorEnv(3, worlds=[room, closet], task=Harder)
-    envs.reset(seed=0)
+    envs = begun(3, worlds=[room, closet], task=Harder)
     assert envs.batch.world_index.tolist() == [0, 0, 0]
     envs.reset(options={"reset_mask": np.array([False, True, False])})
     assert envs.batch.world_index.tolist() == [0, 1, 0]
     np.testing.assert_allclose(envs.batch.position[1], closet.start)
 
 
-@pytest.mark.parametrize("mode", MODES)
 def test_the_checker_finds_a_reset_that_ignores_its_mask(room, mode):
     class Forgetful(Climb):
         def setup(self, batch):
@@ -225,13 +204,23 @@ class Look(flockstep.Task):
         return {"height": batch.position[:, 2:], "image": batch.camera().grey}
 
 
-class TestSeveralFields:
-    @pytest.mark.parametrize("mode", MODES)
-    def test_passes_the_checker(self, room, mode):
-        check_vector_env(
-            lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=Look(), autoreset_mode=mode, num_threads=1)
-        )
+@pytest.mark.parametrize("task", [Climb, Lapper, Look])
+def test_small_tasks_pass_the_checker(room, mode, task):
+    check_vector_env(
+        lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=task(), autoreset_mode=mode, num_threads=1)
+    )
 
+
+@pytest.mark.parametrize(
+    ("name", "limit", "steps"),
+    [("Hover", 20, 50), ("Track", 20, 50), ("Race", 20, 50), ("Swap", 30, 100), ("Formation", 30, 100)],
+)
+def test_the_engines_tasks_pass_the_checker(name, limit, steps):
+    config = getattr(flockstep, f"{name}Config")()
+    check_vector_env(lambda n: flockstep.DroneVectorEnv(n, task=config, max_episode_steps=limit), steps=steps)
+
+
+class TestSeveralFields:
     def test_of_observation_and_reward(self, room):
         envs = flockstep.DroneVectorEnv(3, worlds=room, task=Look, copy=False)
         observation, _ = envs.reset(seed=0)
@@ -249,8 +238,7 @@ class TestSeveralFields:
         assert envs.batch.spec.reward_terms == ["climb", "alive"]
 
     def test_final_observations(self, room):
-        envs = flockstep.DroneVectorEnv(2, worlds=room, task=Look(), autoreset_mode="same_step")
-        envs.reset(seed=0)
+        envs = begun(2, worlds=room, task=Look(), autoreset_mode="same_step")
         for _ in range(9):
             observation, *_, infos = envs.step(np.tile(np.float32([0, 0, 1]), (2, 1)))
         assert infos["final_obs"][1]["height"] == pytest.approx(2.9, abs=1e-5)
@@ -292,7 +280,6 @@ class TestExamples:
     def test_it_trains(self, example):
         assert example("train_my_task").main(total_timesteps=24_000) > 0.5
 
-    @pytest.mark.parametrize("mode", MODES)
     def test_the_lidar_task_of_terms_is_the_built_in_one(self, example, mode):
         task = example("navigation_terms").Navigation()
         twin, engine = (
@@ -321,8 +308,7 @@ class TestPromises:
 
     def test_a_batch_with_a_task_is_let_go(self, room):
         task = Climb()
-        env = flockstep.DroneVectorEnv(2, worlds=room, task=task)
-        env.reset(seed=0)
+        env = begun(2, worlds=room, task=task)
         env.step(np.zeros((2, 3)))
         batch = weakref.ref(env.batch)
         np.testing.assert_array_equal(task.steps, [1, 1])
@@ -342,8 +328,7 @@ class TestPromises:
                 other.steps  # noqa: B018
 
     def test_actions_beyond_the_space_are_clipped(self, room):
-        env = flockstep.DroneVectorEnv(2, worlds=room, task=Climb())
-        env.reset(seed=0)
+        env = begun(2, worlds=room, task=Climb())
         before = env.batch.position.copy()
         env.step(np.array([[0, 0, 1], [0, 0, 50]], np.float32))
         np.testing.assert_allclose(env.batch.position[:, 2] - before[:, 2], Climb.step_m, rtol=1e-5)

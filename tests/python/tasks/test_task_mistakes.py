@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from conftest import world_of
 from gymnasium import spaces
 from messages import refused
 from simple_tasks import Climb, Lapper
@@ -227,7 +228,7 @@ def test_what_is_no_task_or_has_no_place(room):
             flockstep.DroneVectorEnv(2, worlds=room, task=task)
     with refused(TypeError, "action"):
         flockstep.DroneVectorEnv(2, worlds=room, task=Climb(), action="discrete")
-    bare = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [3, 3, 3]}})
+    bare = world_of(room={"min": [0, 0, 0], "max": [3, 3, 3]})
     with refused(ValueError, "start marker"):
         made(bare).reset(seed=0)
     with refused(NotImplementedError, "Nothing.observe"):
@@ -257,8 +258,7 @@ def test_a_reset_that_begins_outside_the_room(room):
 
     with refused(ValueError, "reset: position", '"room"', "(8 8 4)", "(20  4  2)", 1):
         made(room, reset=reset).reset(seed=0)
-    no_room = {"flockstep_scene": 1, "name": "open", "boxes": [{"center": [0, 0, 0], "size": [1, 1, 1]}]}
-    made(flockstep.World.from_dict(no_room), reset=reset).reset(seed=0)
+    made(world_of(boxes=[{"center": [0, 0, 0], "size": [1, 1, 1]}]), reset=reset).reset(seed=0)
 
 
 def test_a_reset_that_closes_its_env(room):

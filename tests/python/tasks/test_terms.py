@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import begun, flat_batch, placed, world_of
 from gymnasium import spaces
 from messages import refused
 from rigid_body import CONTROLS
@@ -9,10 +10,7 @@ from rigid_body import CONTROLS
 import flockstep
 from flockstep.rotations import rotate, yaw_of
 
-MODES = ["next_step", "same_step", "disabled"]
-HALL = flockstep.World.from_dict(
-    {"flockstep_scene": 1, "name": "hall", "room": {"min": [-40, -40, 0], "max": [40, 40, 40]}}
-)
+HALL = world_of(name="hall", room={"min": [-40, -40, 0], "max": [40, 40, 40]})
 NOISE = flockstep.PoseSensorConfig(position_noise_std_m=0.1, orientation_noise_std_deg=10.0)
 
 
@@ -51,7 +49,6 @@ def random_poses(batch, seed=0):
 
 
 class TestRows:
-    @pytest.mark.parametrize("mode", MODES)
     @pytest.mark.parametrize(("row_kind", "drones_per_env"), [("drone", 1), ("drone", 2), ("env", 2)])
     def test_are_those_of_the_mask_in_a_reset(self, mode, row_kind, drones_per_env):
         resets, elsewhere = [], []
@@ -70,10 +67,9 @@ class TestRows:
 
         task = Records()
         task.row_kind = row_kind
-        envs = flockstep.DroneVectorEnv(
-            6, task=task, drones_per_env=drones_per_env, autoreset_mode=mode, stagger_first_episode=True
+        envs = begun(
+            6, task=task, drones_per_env=drones_per_env, autoreset_mode=mode, stagger_first_episode=True, seed=1
         )
-        envs.reset(seed=1)
         for _ in range(12):
             *_, terminated, truncated, _ = envs.step(still(envs))
             if mode == "disabled" and (terminated | truncated).any():
@@ -94,8 +90,7 @@ class TestRows:
                     raise RuntimeError("no place")
 
         task = Fails()
-        envs = flockstep.DroneVectorEnv(3, task=task, autoreset_mode="disabled")
-        envs.reset(seed=0)
+        envs = begun(3, task=task, autoreset_mode="disabled")
         task.fails = True
         with refused(RuntimeError, "no place"):
             envs.reset(options={"reset_mask": np.array([False, True, False])})
@@ -138,12 +133,7 @@ class TestRandom:
 
 class TestPlacingRows:
     def pair(self):
-        batches = [
-            flockstep.Batch(
-                [HALL], 6, drone=flockstep.DroneModel.load("racer5"), dynamics=flockstep.DynamicsConfig(motion="rotors")
-            )
-            for _ in range(2)
-        ]
+        batches = [flat_batch([HALL], 6, drone="racer5", motion="rotors") for _ in range(2)]
         for batch in batches:
             random_poses(batch)
             batch.set_velocity(np.ones((6, 3)), np.ones((6, 3)), np.full((6, 4), 100.0))
@@ -192,13 +182,7 @@ class TestPlacingRows:
 class TestBodyFrame:
     @pytest.fixture
     def batch(self):
-        batch = flockstep.Batch(
-            [HALL],
-            40,
-            pose_sensor=NOISE,
-            drone=flockstep.DroneModel.load("racer5"),
-            dynamics=flockstep.DynamicsConfig(motion="rotors"),
-        )
+        batch = flat_batch([HALL], 40, pose_sensor=NOISE, drone="racer5", motion="rotors")
         batch.seed(np.arange(40))
         random_poses(batch)
         batch.set_velocity(np.random.default_rng(1).normal(0, 5, (40, 3)))
@@ -304,18 +288,16 @@ def levels_of(drone, dynamics, most_to_weight):
 
 class TestCommand:
     def batch(self, control, drone="racer5", num_drones=50):
-        batch = flockstep.Batch(
+        batch = flat_batch(
             [HALL],
             num_drones,
-            drone=flockstep.DroneModel.load(drone),
-            dynamics=flockstep.DynamicsConfig(
-                motion="rotors",
-                control=control,
-                max_rate_dps=300,
-                max_yaw_rate_dps=100,
-                max_tilt_deg=50,
-                max_speed_mps=3,
-            ),
+            drone=drone,
+            motion="rotors",
+            control=control,
+            max_rate_dps=300,
+            max_yaw_rate_dps=100,
+            max_tilt_deg=50,
+            max_speed_mps=3,
         )
         random_poses(batch)
         return batch
@@ -390,16 +372,14 @@ class TestNeighbors:
 
     def test_have_the_velocities_of_rotor_driven_drones(self):
         dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity")
-        batch = flockstep.Batch([HALL], 2, drones_per_env=2, drone=flockstep.DroneModel.load("x500"), dynamics=dynamics)
-        batch.set_pose([[0, 0, 5], [2, 0, 5]])
+        batch = placed([HALL], [[0, 0, 5], [2, 0, 5]], drones_per_env=2, drone="x500", dynamics=dynamics)
         batch.set_velocity([[1, 0, 0], [0, 3, 0]])
         batch.sense()
         found = batch.terms.neighbors(1)[:, 0]
         np.testing.assert_allclose(found, [[2, 0, 0, -1, 3, 0, 1], [-2, 0, 0, 1, -3, 0, 1]], atol=1e-6)
 
     def test_kinematic_drones_have_none(self):
-        batch = flockstep.Batch([HALL], 2, drones_per_env=2)
-        batch.set_pose([[0, 0, 5], [2, 0, 5]])
+        batch = placed([HALL], [[0, 0, 5], [2, 0, 5]], drones_per_env=2)
         batch.sense()
         assert batch.terms.neighbors(1)[:, 0].tolist() == [[2, 0, 0, 0, 0, 0, 1], [-2, 0, 0, 0, 0, 0, 1]]
 

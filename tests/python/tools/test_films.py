@@ -5,7 +5,7 @@ from dataclasses import replace
 import imageio.v3 as imageio
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, begun
 from messages import refused
 from PIL import Image
 
@@ -309,8 +309,7 @@ def test_both_fly_from_the_first_unseen_seed_and_are_filmed(tmp_path, monkeypatc
 def test_the_path_is_drawn_where_the_twin_says(by_controller, example):
     example("hover_numpy")  # the other one imports it
     twin = example("track_numpy").Track(flockstep.TrackConfig())
-    envs = flockstep.DroneVectorEnv(1, task=twin)
-    envs.reset(seed=SEED)
+    envs = begun(1, task=twin, seed=SEED)
     path = np.array([twin.path(envs.batch, step / 100)[0][0] for step in range(1001)])
     np.testing.assert_allclose(by_controller.point, path, atol=1e-5)
 
@@ -335,7 +334,7 @@ def test_the_error_is_the_one_that_is_reported(by_controller):
 
 
 def test_the_controller_is_the_one_that_is_reported():
-    """docs/how-to/tasks/flight-tasks.md reports 24.9 cm for 1,000 flights; the second best controller reaches 28 cm."""
+    """bench/results/flight_train.json has 24.9 cm for 1,000 flights; the second best controller reaches 28 cm."""
     verdict = judge(TRAININGS["track"], track_film.controller(), 100, UNSEEN_SEEDS.start)
     assert verdict.more["median_error_m"] == pytest.approx(0.249, abs=0.01)
 

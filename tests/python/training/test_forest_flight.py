@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import world_of
 
 import flockstep
 from flockstep.rotations import rotate
@@ -16,14 +17,11 @@ ASIDE = np.float32([[1, 0, 0]])
 
 def clearing(**parts):
     """A flat field with a start, a goal 20 m ahead, and these parts."""
-    scene = {
-        "flockstep_scene": 1,
-        "name": "clearing",
-        "boxes": [{"center": [15, 0, -0.5], "size": [40, 20, 1]}, *parts.pop("boxes", [])],
-        "markers": {"start": [2, 0, 1.5], "goal": [22, 0, 1.5]},
+    return world_of(
+        boxes=[{"center": [15, 0, -0.5], "size": [40, 20, 1]}, *parts.pop("boxes", [])],
+        markers={"start": [2, 0, 1.5], "goal": [22, 0, 1.5]},
         **parts,
-    }
-    return flockstep.World.from_dict(scene)
+    )
 
 
 TRUNK = {"center": [12, 0, 2], "size": [0.4, 0.4, 6]}

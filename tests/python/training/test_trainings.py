@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import world_of
 from messages import refused
 
 import flockstep
@@ -303,7 +304,7 @@ def test_the_point_mass_there_and_back():
     """Two gates ahead of one another, 10 m apart: accelerate and brake sideways to gravity, twice."""
     turned = [0, 0, 0, 1]
     gates = [{"center": [0, 0, 50], "size": 0.2}, {"center": [10, 0, 50], "size": 0.2, "quat_wxyz": turned}]
-    world = flockstep.World.from_dict({"flockstep_scene": 1, "gates": gates})
+    world = world_of(gates=gates)
     along = 9.81 * np.sqrt(4.0**2 - 1)  # m/s^2, while the thrust carries the weight
     expected = 4 * np.sqrt(10 / along)
     assert race_bound.lap_s(world, 4.0, 4) == pytest.approx(expected, rel=0.05)

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from conftest import placed
 from messages import refused
 
 import flockstep
@@ -86,8 +87,7 @@ def test_a_straight_flight_is_blocked(name):
     seeds, least = kind.blocked
     for seed in range(seeds):
         world = small(name, seed) if kind.blocked_small else getattr(World, name)(seed)
-        batch = flockstep.Batch([world])
-        batch.set_pose(world.start[None])
+        batch = placed([world], world.start[None])
         hits += bool(batch.move(world.goal[None]).hit[0])
     assert hits >= least
 
@@ -141,8 +141,7 @@ def test_threads_and_company_change_no_bits(name):
 
     expected = flown(slice(3, 6), num_threads=1)
     for other in (flown(slice(3, 6), num_threads=2), flown(slice(0, 3), 3, 3, num_threads=1)):
-        for is_, should_be in zip(other, expected, strict=True):
-            np.testing.assert_array_equal(is_, should_be)
+        np.testing.assert_equal(other, expected)
 
 
 NAN = float("nan")
@@ -260,8 +259,7 @@ def test_waypoints_lead_along_the_way_that_is_flown(make):
     del data["markers"]["waypoints"]
     assert data == plain.to_dict()  # nothing else differs
     stops = np.concatenate([[world.start], world.waypoints, [world.goal]]).astype(np.float32)
-    batch = flockstep.Batch([world], len(stops) - 1, num_threads=1)
-    batch.set_pose(stops[:-1])
+    batch = placed([world], stops[:-1], num_threads=1)
     batch.move(stops[1:])
     assert not batch.contact.hit.any()
     (named,) = flockstep.scenes.load(f"guided_{world.name}")

@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from conftest import placed
 
 import flockstep
 from flockstep import _core, planning
@@ -16,8 +17,7 @@ def length(path):
 
 
 def assert_free(world, path):
-    batch = flockstep.Batch([world])
-    batch.set_pose(path[:1])
+    batch = placed([world], path[:1])
     assert not any(bool(batch.move(corner[None]).hit[0]) for corner in path[1:])
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, world_of
 from messages import refused
 
 import flockstep
@@ -346,10 +346,10 @@ class TestSchemaAndLoader:
             flockstep.World.from_dict(scene)
         assert SCHEMA["properties"]["meshes"]["maxItems"] == 65536
         with refused(ValueError, "scene", "/meshes", 65536, 65537):
-            flockstep.World.from_dict({"flockstep_scene": 1, "meshes": [0] * 65537})
+            world_of(meshes=[0] * 65537)
 
     def test_the_schema_has_the_defaults(self):
-        light = flockstep.World.from_dict({"flockstep_scene": 1, "room": ROOM}).light
+        light = world_of(room=ROOM).light
         properties = SCHEMA["properties"]["light"]["properties"]
         assert list(light) == list(properties)
         for field, value in light.items():

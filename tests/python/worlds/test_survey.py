@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from conftest import world_of
 from messages import refused
 from scipy.spatial import cKDTree
 
@@ -11,10 +12,6 @@ import flockstep
 CENTER, RADIUS = np.array([1.0, 0.5, 2.0]), 0.8
 CORNERS = np.array([[-2.0, -1.5, 0.3], [-1.0, 0.5, 1.7]])
 ROOM = np.array([[-4.0, -3.0, 0.0], [4.0, 3.0, 4.0]])
-
-
-def scene(**solids):
-    return flockstep.World.from_dict({"flockstep_scene": 1, "name": "survey", **solids})
 
 
 def as_dict(mesh, **more):
@@ -34,7 +31,7 @@ IN_A_ROOM = {"room": {"min": ROOM[0].tolist(), "max": ROOM[1].tolist()}, "sphere
 
 @pytest.fixture(scope="module")
 def solids():
-    return scene(materials=MATERIALS, **IN_A_ROOM)
+    return world_of(materials=MATERIALS, **IN_A_ROOM)
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +94,7 @@ class TestObjects:
         for world in (
             solids,
             blobs,
-            scene(cylinders=[turned], capsules=[turned], boxes=[BOX | {"material": "default"}]),
+            world_of(cylinders=[turned], capsules=[turned], boxes=[BOX | {"material": "default"}]),
         ):
             whole, mesh = as_trimesh(world, 1e-4)
             boxes = world.objects()["boxes"]
@@ -139,7 +136,7 @@ class TestObjects:
     def test_each_object_has_its_material(self):
         corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
         red, blue = ({"vertices": corners, "triangles": [face]} for face in ([0, 1, 2], [1, 3, 2]))
-        world = scene(materials=MATERIALS, meshes=[red | {"material": "red"}, blue | {"material": "blue"}])
+        world = world_of(materials=MATERIALS, meshes=[red | {"material": "red"}, blue | {"material": "blue"}])
         assert world.objects()["materials"].tolist() == [0, 1]
 
 
@@ -204,7 +201,7 @@ class TestGrids:
         assert (surely != perhaps).mean() < 1e-3
 
     def test_a_surface_between_cells_occupies_both(self):
-        sheet = scene(planes=[{"center": [0, 0, 0], "size": [2, 2]}])
+        sheet = world_of(planes=[{"center": [0, 0, 0], "size": [2, 2]}])
         grid = sheet.occupancy(0.5, [[-1, -1, -1], [1, 1, 1]])["occupied"]
         assert grid.shape == (4, 4, 4)
         assert grid[:, :, 1:3].all()
@@ -301,7 +298,7 @@ class TestFreePlaces:
         ]  # the bounds include empty space beside the first
         solid = trimesh.creation.box([2, 2, 2])
         solid.apply_translation([3, 2.5, 1.5])
-        world = scene(meshes=[as_dict(mesh) for mesh in [*rooms, solid]])
+        world = world_of(meshes=[as_dict(mesh) for mesh in [*rooms, solid]])
         places = world.free_places(300).astype(float)
         inside = [((places > m.bounds[0]) & (places < m.bounds[1])).all(axis=1) for m in [*rooms, solid]]
         assert (inside[0] | inside[1]).all()
@@ -312,7 +309,7 @@ class TestFreePlaces:
         assert (reached[:, 0] < 6).all()
 
     def test_refusals(self, solids):
-        sky = scene(
+        sky = world_of(
             spheres=[{"center": [0, 0, 0], "radius": 0.1}], planes=[{"center": [50, 0, 0], "size": [0.01, 0.01]}]
         )
         for world, arguments, match in [
@@ -348,7 +345,7 @@ class TestMarkers:
         """Two rooms joined by a door, and a third one without a door."""
         wall = [{"center": [5, y, 1.5], "size": [0.2, 2.3, 3]} for y in (1.15, 4.85)]  # the door is 1.4 m wide
         closed = {"center": [10, 3, 1.5], "size": [0.2, 6, 3]}
-        world = scene(room={"min": [0, 0, 0], "max": [15, 6, 3]}, boxes=[*wall, closed])
+        world = world_of(room={"min": [0, 0, 0], "max": [15, 6, 3]}, boxes=[*wall, closed])
         through = 0
         for seed in range(12):
             drawn = world.with_drawn_markers(seed, distance_m=4)
@@ -394,7 +391,7 @@ class TestCheck:
                 trimesh.Trimesh(m.triangles.reshape(-1, 3), np.arange(3 * len(m.faces)).reshape(-1, 3), process=False)
                 for m in meshes
             ]
-            report = scene(meshes=[as_dict(soup) for soup in soups]).check()
+            report = world_of(meshes=[as_dict(soup) for soup in soups]).check()
             whole = trimesh.util.concatenate(meshes)
             whole.merge_vertices()
             _, uses = np.unique(whole.edges_sorted, axis=0, return_counts=True)

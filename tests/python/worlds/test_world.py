@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from conftest import world_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from messages import refused
@@ -51,19 +52,16 @@ def rays(count, seed=0):
 
 class TestRaycast:
     def test_returns_the_material(self):
-        world = flockstep.World.from_dict(
-            {
-                "flockstep_scene": 1,
-                "materials": {"red": {"base_color": [1, 0, 0]}, "blue": {"base_color": [0, 0, 1]}},
-                "spheres": [{"center": [5, 0, 0], "radius": 1, "material": "blue"}],
-                "meshes": [
-                    {
-                        "vertices": [[-5, -1, -1], [-5, 1, -1], [-5, 0, 1]],
-                        "triangles": [[0, 1, 2]],
-                        "material": "red",
-                    }
-                ],
-            }
+        world = world_of(
+            materials={"red": {"base_color": [1, 0, 0]}, "blue": {"base_color": [0, 0, 1]}},
+            spheres=[{"center": [5, 0, 0], "radius": 1, "material": "blue"}],
+            meshes=[
+                {
+                    "vertices": [[-5, -1, -1], [-5, 1, -1], [-5, 0, 1]],
+                    "triangles": [[0, 1, 2]],
+                    "material": "red",
+                }
+            ],
         )
         hits = world.raycast(np.zeros((3, 3)), [[1, 0, 0], [-1, 0, 0], [0, 0, 1]], 10.0)
         named = [world.materials[m] for m in hits["material"][:2]]
@@ -122,8 +120,7 @@ class TestLight:
 
 def test_each_mesh_stays_one():
     triangle = {"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": [[0, 1, 2]]}
-    scene = {"flockstep_scene": 1, "meshes": [triangle, {**triangle, "position": [0, 0, 1]}]}
-    world = flockstep.World.from_dict(scene)
+    world = world_of(meshes=[triangle, {**triangle, "position": [0, 0, 1]}])
     meshes = world.to_dict()["meshes"]
     assert [m["triangles"] for m in meshes] == [[[0, 1, 2]]] * 2
     assert [m["vertices"][0] for m in meshes] == [[0, 0, 0], [0, 0, 1]]
@@ -172,13 +169,8 @@ def test_a_shortest_path_can_be_flown_and_the_straight_one_cannot(name):
 
 
 def test_plan_says_so_when_there_is_no_path():
-    scene = {
-        "flockstep_scene": 1,
-        "name": "walled",
-        "room": {"min": [0, 0, 0], "max": [6, 3, 2]},
-        "boxes": [{"center": [3, 1.5, 1], "size": [0.2, 3, 2]}],
-    }
-    assert flockstep.plan(flockstep.World.from_dict(scene), [1, 1.5, 1], [[5, 1.5, 1]]) is None
+    walled = world_of(room={"min": [0, 0, 0], "max": [6, 3, 2]}, boxes=[{"center": [3, 1.5, 1], "size": [0.2, 3, 2]}])
+    assert flockstep.plan(walled, [1, 1.5, 1], [[5, 1.5, 1]]) is None
 
 
 class TestMeshFiles:
@@ -259,43 +251,6 @@ COLORS = [[1, 0, 0.5], [0.25, 1, 1], [1, 1, 1]]
 
 
 def test_it_makes_what_a_scene_file_says():
-    scene = {
-        "flockstep_scene": 1,
-        "name": "hall",
-        "materials": {
-            "wall": {"base_color": [0.8, 0.7, 0.6], "emissive": [0, 2, 0.5]},
-            "thing": {"base_color": [0.1, 0.2, 0.3], "semantic": 7},
-        },
-        "room": {"min": [-5, -4, 0], "max": [5, 4, 3], "material": "wall"},
-        "boxes": [{"center": [1, 0, 1], "size": [1, 2, 0.5], "quat_wxyz": [0.6, 0, 0, 0.8], "material": "thing"}],
-        "cylinders": [{"center": [2, 1, 1], "radius": 0.5, "height": 2, "material": "thing"}],
-        "spheres": [{"center": [-2, 1, 1], "radius": 0.5, "material": "thing"}],
-        "capsules": [{"center": [-3, 1, 1], "radius": 0.25, "height": 1.5, "material": "wall"}],
-        "planes": [{"center": [0, 2, 1], "size": [1, 2], "material": "wall"}],
-        "discs": [{"center": [0, -2, 1], "radius": 0.75, "quat_wxyz": [0.6, 0.8, 0, 0], "material": "wall"}],
-        "meshes": [
-            {
-                "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0.5]],
-                "triangles": [[0, 1, 2]],
-                "colors": COLORS,
-                "material": "thing",
-            }
-        ],
-        "markers": {
-            "start": [-4, 0, 1],
-            "waypoints": [[0, 3, 1], [1, 3, 1]],
-            "goal": [4, 0, 1],
-            "spawn_box": {"min": [-4.5, -0.5, 1], "max": [-4, 0.5, 1.5]},
-        },
-        "light": {
-            "sun_direction": [0, 0.6, 0.8],
-            "sun_color": [1, 0.9, 0.8],
-            "gamma": 2,
-            "sun_radius_deg": 1,
-            "sun_glow": 0.5,
-            "fog_visibility_m": 30,
-        },
-    }
     builder = flockstep.WorldBuilder("hall")
     wall = builder.material("wall", [0.8, 0.7, 0.6], emissive=[0, 2, 0.5])
     thing = builder.material("thing", [0.1, 0.2, 0.3], semantic=7)
@@ -320,7 +275,43 @@ def test_it_makes_what_a_scene_file_says():
         sun_glow=0.5,
         fog_visibility_m=30,
     )
-    assert builder.build().to_dict() == flockstep.World.from_dict(scene).to_dict()
+    expected = world_of(
+        name="hall",
+        materials={
+            "wall": {"base_color": [0.8, 0.7, 0.6], "emissive": [0, 2, 0.5]},
+            "thing": {"base_color": [0.1, 0.2, 0.3], "semantic": 7},
+        },
+        room={"min": [-5, -4, 0], "max": [5, 4, 3], "material": "wall"},
+        boxes=[{"center": [1, 0, 1], "size": [1, 2, 0.5], "quat_wxyz": [0.6, 0, 0, 0.8], "material": "thing"}],
+        cylinders=[{"center": [2, 1, 1], "radius": 0.5, "height": 2, "material": "thing"}],
+        spheres=[{"center": [-2, 1, 1], "radius": 0.5, "material": "thing"}],
+        capsules=[{"center": [-3, 1, 1], "radius": 0.25, "height": 1.5, "material": "wall"}],
+        planes=[{"center": [0, 2, 1], "size": [1, 2], "material": "wall"}],
+        discs=[{"center": [0, -2, 1], "radius": 0.75, "quat_wxyz": [0.6, 0.8, 0, 0], "material": "wall"}],
+        meshes=[
+            {
+                "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0.5]],
+                "triangles": [[0, 1, 2]],
+                "colors": COLORS,
+                "material": "thing",
+            }
+        ],
+        markers={
+            "start": [-4, 0, 1],
+            "waypoints": [[0, 3, 1], [1, 3, 1]],
+            "goal": [4, 0, 1],
+            "spawn_box": {"min": [-4.5, -0.5, 1], "max": [-4, 0.5, 1.5]},
+        },
+        light={
+            "sun_direction": [0, 0.6, 0.8],
+            "sun_color": [1, 0.9, 0.8],
+            "gamma": 2,
+            "sun_radius_deg": 1,
+            "sun_glow": 0.5,
+            "fog_visibility_m": 30,
+        },
+    )
+    assert builder.build().to_dict() == expected.to_dict()
 
 
 def test_a_height_field_has_its_heights():

@@ -86,6 +86,7 @@ struct CameraConfig {
   CaptureMode capture_mode = CaptureMode::every_step;
   int samples_per_pixel = 1;
   bool shadows = false;
+  bool adaptive_samples = false;
   std::optional<float> rate_hz;
   std::optional<std::array<int, 2>> resize;
   Pool pool = Pool::mean;
@@ -130,6 +131,9 @@ struct CameraConfig {
               {.about = "Number of samples per pixel; they form a grid and are averaged. Only colours use several samples: all "
                         "other outputs are taken at the pixel's centre.",
                .limits = one_of(1, 4, 9, 16)}),
+        field("adaptive_samples", &C::adaptive_samples,
+              {.about = "Take all samples only of pixels around which colours differ, by more than 8 of 255 in a channel among "
+                        "3 x 3 pixels, and one sample of others: a nearly equal image in less time. ``\"gl\"`` takes all."}),
         field("shadows", &C::shadows,
               {.about = "Hard shadows of the sun, cast by everything except markers. The walls and the ceiling of a room do not "
                         "shade its inside."}),
@@ -160,8 +164,8 @@ struct CameraChange {
   std::optional<float> vfov_deg;                  // deg
   std::optional<std::array<float, 3>> offset_m;   // m, body frame
   std::optional<std::array<float, 4>> quat_wxyz;  // camera to body
-  std::optional<int> width_px;                    // of all drones; moves the arrays of the batch
-  std::optional<int> height_px;                   // of all drones; moves the arrays of the batch
+  std::optional<int> width_px;                    // all drones'; moves the arrays of the batch
+  std::optional<int> height_px;                   // all drones'; moves the arrays of the batch
 
   static constexpr auto fields() {
     using C = CameraChange;

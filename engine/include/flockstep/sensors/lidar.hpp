@@ -71,8 +71,8 @@ struct LidarChange {
   std::optional<float> vfov_deg;                  // deg
   std::optional<std::array<float, 3>> offset_m;   // m, body frame
   std::optional<std::array<float, 4>> quat_wxyz;  // sensor to body
-  std::optional<int> beams;                       // of all drones; moves the arrays of the batch
-  std::optional<int> channels;                    // of all drones; moves the arrays of the batch
+  std::optional<int> beams;                       // all drones'; moves the arrays of the batch
+  std::optional<int> channels;                    // all drones'; moves the arrays of the batch
 
   static constexpr auto fields() {
     using C = LidarChange;

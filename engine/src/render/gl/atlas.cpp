@@ -28,9 +28,9 @@ std::array<bool, kFormats.size()> present(const Attachments& attachments) {
 }  // namespace
 
 GlAtlas::GlAtlas(const AtlasSize& size, const Attachments& attachments) : size_(size), attachments_(attachments) {
-  framebuffer_ = GlFramebuffer::make();
+  framebuffer_ = make_framebuffer();
   const auto attach = [&](GLenum point, GLenum format) {
-    GlTexture texture = GlTexture::make();
+    GlObject texture = make_texture();
     glTextureStorage2D(texture.name(), 1, format, size_.width, size_.height * size_.tiles);
     glTextureParameteri(texture.name(), GL_TEXTURE_MIN_FILTER, GL_NEAREST);
     glTextureParameteri(texture.name(), GL_TEXTURE_MAG_FILTER, GL_NEAREST);
@@ -69,7 +69,7 @@ void GlReadback::reserve(std::size_t bytes) {
     return;
   }
   constexpr GLbitfield kAccess = GL_MAP_READ_BIT | GL_MAP_PERSISTENT_BIT | GL_MAP_COHERENT_BIT;
-  buffer_ = GlBuffer::make();
+  buffer_ = make_buffer();
   glNamedBufferStorage(buffer_.name(), static_cast<GLsizeiptr>(bytes), nullptr, kAccess | GL_CLIENT_STORAGE_BIT);
   mapped_ = static_cast<std::byte*>(glMapNamedBufferRange(buffer_.name(), 0, static_cast<GLsizeiptr>(bytes), kAccess));
   if (mapped_ == nullptr) throw GlUnavailable("the device cannot map a buffer to read images from");
@@ -170,10 +170,10 @@ void lengthen(const PinholeCamera& pinhole, int left, int row, std::size_t count
 
 }  // namespace
 
-void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, const RenderRequest& request,
+void write_frame(const AtlasPixels& pixels, const AtlasSize& size, std::size_t tile, const RenderRequest& request,
                  const FramePart& part) {
   const CameraConfig& camera = *request.camera;
-  const Frame& frame = request.frame;
+  const RenderTargets& frame = request.frame;
   const auto tile_width = static_cast<std::size_t>(size.width);
   const auto frame_width = static_cast<std::size_t>(camera.width_px);
   const std::size_t frame_pixels = frame_width * static_cast<std::size_t>(camera.height_px);

@@ -37,13 +37,13 @@ class GlAtlas {
  private:
   AtlasSize size_;
   Attachments attachments_;
-  std::array<GlTexture, 3> textures_;  // indexed by attachment number
-  GlTexture depth_;
-  GlFramebuffer framebuffer_;
+  std::array<GlObject, 3> textures_;  // indexed by attachment number
+  GlObject depth_;
+  GlObject framebuffer_;
 };
 
 // Data read back from one atlas, row by row and tile by tile. A pointer is null if the atlas lacks that attachment.
-struct Pixels {
+struct AtlasPixels {
   const std::uint8_t* color = nullptr;  // RGBA
   const float* depth = nullptr;         // raw values of the depth buffer; see shaders.cpp
   const std::uint16_t* ids = nullptr;   // semantic, instance
@@ -60,18 +60,18 @@ class GlReadback {
 
   void start(const GlAtlas& atlas, int tiles);  // copies the first `tiles` tiles
   void finish();                                // throws GlUnavailable
-  const Pixels& pixels() const { return pixels_; }
+  const AtlasPixels& pixels() const { return pixels_; }
 
  private:
   void reserve(std::size_t bytes);
 
   bool is_software_;
   std::vector<std::byte> memory_;  // used on a software device
-  GlBuffer buffer_;                // used on a hardware device, mapped at mapped_
+  GlObject buffer_;                // used on a hardware device, mapped at mapped_
   std::byte* mapped_ = nullptr;
   std::size_t capacity_ = 0;  // bytes
   GLsync fence_ = nullptr;
-  Pixels pixels_;
+  AtlasPixels pixels_;
 };
 
 // --- from the atlas to frames, in the layout of the camera
@@ -84,7 +84,7 @@ struct FramePart {
 };
 
 // Writes this part of every image in the frame.
-void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, const RenderRequest& request,
+void write_frame(const AtlasPixels& pixels, const AtlasSize& size, std::size_t tile, const RenderRequest& request,
                  const FramePart& part);
 
 }  // namespace flockstep::render

@@ -140,12 +140,8 @@ EglContext::EglContext(EglDevices allowed) {
   std::string tried;
   const auto attempt = [&](const std::string& name, EGLenum platform, void* native) {
     const EGLDisplay display = get_platform_display(platform, native, nullptr);
-    std::string why_not;
-    if (display == EGL_NO_DISPLAY) {
-      why_not = "no display";
-    } else if (try_display(display, allowed, why_not)) {
-      return true;
-    }
+    const std::string why_not = display == EGL_NO_DISPLAY ? "no display" : try_display(display, allowed);
+    if (why_not.empty()) return true;
     tried += (tried.empty() ? "" : "; ") + name + ": " + why_not;
     return false;
   };
@@ -161,44 +157,30 @@ EglContext::EglContext(EglDevices allowed) {
   throw GlUnavailable("no headless OpenGL 4.5: " + tried);
 }
 
-bool EglContext::try_display(void* display, EglDevices allowed, std::string& why_not) {
+std::string EglContext::try_display(void* display, EglDevices allowed) {
   EGLint major = 0;
   EGLint minor = 0;
-  if (eglInitialize(display, &major, &minor) != EGL_TRUE) {
-    why_not = "initialisation failed, " + error_name(eglGetError());
-    return false;
-  }
+  if (eglInitialize(display, &major, &minor) != EGL_TRUE) return "initialisation failed, " + error_name(eglGetError());
   const char* extensions = eglQueryString(display, EGL_EXTENSIONS);
-  if (!has_word(extensions, "EGL_KHR_surfaceless_context") || !has_word(extensions, "EGL_KHR_create_context")) {
-    why_not = "no contexts without a surface";
-    return false;
-  }
-  if (eglBindAPI(EGL_OPENGL_API) != EGL_TRUE) {
-    why_not = "no desktop OpenGL";
-    return false;
-  }
+  if (!has_word(extensions, "EGL_KHR_surfaceless_context") || !has_word(extensions, "EGL_KHR_create_context"))
+    return "no contexts without a surface";
+  if (eglBindAPI(EGL_OPENGL_API) != EGL_TRUE) return "no desktop OpenGL";
   constexpr std::array<EGLint, 5> kConfig{EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_SURFACE_TYPE, 0, EGL_NONE};
   EGLConfig config = nullptr;  // the same as EGL_NO_CONFIG_KHR
   EGLint configs = 0;
   if (eglChooseConfig(display, kConfig.data(), &config, 1, &configs) != EGL_TRUE || configs == 0) {
     config = nullptr;
-    if (!has_word(extensions, "EGL_KHR_no_config_context")) {
-      why_not = "no configuration for OpenGL";
-      return false;
-    }
+    if (!has_word(extensions, "EGL_KHR_no_config_context")) return "no configuration for OpenGL";
   }
   constexpr std::array<EGLint, 7> kVersion{
       EGL_CONTEXT_MAJOR_VERSION_KHR,           4,       EGL_CONTEXT_MINOR_VERSION_KHR, 5, EGL_CONTEXT_OPENGL_PROFILE_MASK_KHR,
       EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT_KHR, EGL_NONE};
   const EGLContext context = eglCreateContext(display, config, EGL_NO_CONTEXT, kVersion.data());
-  if (context == EGL_NO_CONTEXT) {
-    why_not = "no OpenGL 4.5 core context, " + error_name(eglGetError());
-    return false;
-  }
+  if (context == EGL_NO_CONTEXT) return "no OpenGL 4.5 core context, " + error_name(eglGetError());
   if (eglMakeCurrent(display, EGL_NO_SURFACE, EGL_NO_SURFACE, context) != EGL_TRUE) {
-    why_not = "the context cannot be made current, " + error_name(eglGetError());
+    const std::string why_not = "the context cannot be made current, " + error_name(eglGetError());
     eglDestroyContext(display, context);
-    return false;
+    return why_not;
   }
   // The shaders read storage buffers in both stages. OpenGL 4.5 does not guarantee any for the vertex stage.
   GLint blocks = 0;
@@ -207,6 +189,7 @@ bool EglContext::try_display(void* display, EglDevices allowed, std::string& why
   const std::string_view name = renderer == nullptr ? "" : renderer;
   is_software_ = name.find("llvmpipe") != std::string_view::npos || name.find("softpipe") != std::string_view::npos ||
                  name.find("SwiftShader") != std::string_view::npos;
+  std::string why_not;
   if (name.empty() || blocks < 4) {
     why_not = "its vertex shaders cannot read buffers";
   } else if (allowed == EglDevices::software && !is_software_) {
@@ -215,7 +198,7 @@ bool EglContext::try_display(void* display, EglDevices allowed, std::string& why
   if (!why_not.empty()) {
     eglMakeCurrent(display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
     eglDestroyContext(display, context);
-    return false;
+    return why_not;
   }
   display_ = display;
   context_ = context;
@@ -224,7 +207,7 @@ bool EglContext::try_display(void* display, EglDevices allowed, std::string& why
   glGetIntegerv(GL_MAJOR_VERSION, &gl_major);
   glGetIntegerv(GL_MINOR_VERSION, &gl_minor);
   description_ = std::string(name) + ", OpenGL " + std::to_string(gl_major) + '.' + std::to_string(gl_minor);
-  return true;
+  return {};
 }
 
 EglContext::~EglContext() {

@@ -36,7 +36,7 @@ class EglContext {
   bool is_software() const { return is_software_; }
 
  private:
-  bool try_display(void* display, EglDevices allowed, std::string& why_not);
+  std::string try_display(void* display, EglDevices allowed);  // returns why it does not work; empty: it does
 
   void* display_ = nullptr;
   void* context_ = nullptr;

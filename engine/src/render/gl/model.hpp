@@ -46,7 +46,7 @@ struct GlModel {
   GlModel(PrimitiveKind kind, float chord_error);
 
   std::vector<GlVertex> vertices;
-  std::vector<std::array<std::uint32_t, 3>> corners;  // of each triangle
+  std::vector<std::array<std::uint32_t, 3>> corners;  // vertex indices of each triangle
   std::vector<GlTriangle> triangles;
   std::vector<GlChunk> chunks;  // contiguous and in order
   Textures textures;

@@ -11,7 +11,7 @@ namespace {
 using Vec3d = Eigen::Vector3d;
 
 template <class T>
-void upload(const GlBuffer& buffer, const std::vector<T>& elements) {
+void upload(const GlObject& buffer, const std::vector<T>& elements) {
   glNamedBufferData(buffer.name(), static_cast<GLsizeiptr>(elements.size() * sizeof(T)), elements.data(), GL_STREAM_DRAW);
 }
 
@@ -95,7 +95,7 @@ struct GlPainter::Eye {
   }
 };
 
-GlPainter::GlPainter() : array_(GlVertexArray::make()), no_array_(GlVertexArray::make()), commands_buffer_(GlBuffer::make()) {
+GlPainter::GlPainter() : array_(make_vertex_array()), no_array_(make_vertex_array()), commands_buffer_(make_buffer()) {
   const auto read = [&](GLuint location, GLuint buffer) {
     glEnableVertexArrayAttrib(array_.name(), location);
     glVertexArrayAttribBinding(array_.name(), location, buffer);
@@ -131,7 +131,8 @@ void GlPainter::add(const GlModel& model) {
                        number(textures.wrap_across[i]), number(textures.wrap_down[i])});
   }
   for (std::size_t i = 0; i < textures.offset.size(); ++i) {
-    records.push_back({first_texel + number(textures.offset[i]), number(textures.width[i]), number(textures.height[i]), 0});
+    records.push_back({first_texel + number(textures.offset[i]), number(textures.width[i]), number(textures.height[i]),
+                       number(textures.stride[i])});
   }
   textures_.append(records);
 

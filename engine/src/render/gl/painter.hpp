@@ -38,13 +38,13 @@ class GlStore {
  private:
   void grow(std::size_t needed) {
     capacity_ = std::max(needed, size_ + size_ / 2);
-    GlBuffer larger = GlBuffer::make();
+    GlObject larger = make_buffer();
     glNamedBufferStorage(larger.name(), static_cast<GLsizeiptr>(capacity_ * sizeof(T)), nullptr, GL_DYNAMIC_STORAGE_BIT);
     if (size_ != 0) glCopyNamedBufferSubData(buffer_.name(), larger.name(), 0, 0, static_cast<GLsizeiptr>(size_ * sizeof(T)));
     buffer_ = std::move(larger);
   }
 
-  GlBuffer buffer_;
+  GlObject buffer_;
   std::size_t size_ = 0;
   std::size_t capacity_ = 0;
 };
@@ -52,8 +52,8 @@ class GlStore {
 // A model at a pose: a world, a marker, a body or a drone.
 struct GlItem {
   std::uint32_t model = 0;                                // number given by GlPainter::add()
-  std::uint32_t ids = 0;                                  // of all of it, see pack_ids(); 0: those of its triangles
-  std::uint32_t first_color = 0;                          // of its materials, in GlScene::colors
+  std::uint32_t ids = 0;                                  // the whole item's, see pack_ids(); 0: its triangles have their own
+  std::uint32_t first_color = 0;                          // its materials' first, in GlScene::colors
   Vec3 position = Vec3::Zero();                           // m, world frame
   Mat3 rotation = Mat3::Identity();                       // to the world frame
   float radius = std::numeric_limits<float>::infinity();  // m, of the ball around the position that contains it
@@ -79,7 +79,7 @@ struct TileCamera {
 };
 
 struct GlScene {
-  std::vector<GlItem> items;  // of all envs
+  std::vector<GlItem> items;  // all envs'
   std::vector<GlColor> colors;
   std::vector<TileCamera> cameras;
 };
@@ -110,7 +110,7 @@ class GlPainter {
     std::vector<GlChunk> chunks;  // first_triangle counts in triangles_
     bool is_textured = false, is_masked = false;
   };
-  struct DrawCommand {  // in the layout of OpenGL, up to the view
+  struct DrawCommand {  // OpenGL's layout, up to the view
     GLuint count, instance_count, first_index;
     GLint base_vertex;
     GLuint base_instance;  // index of this command
@@ -127,18 +127,18 @@ class GlPainter {
   GlStore<GlTriangle> triangles_;  // parallel to corners_
   GlStore<std::uint32_t> texels_;
   GlStore<std::array<std::uint32_t, 4>> textures_;
-  GlVertexArray array_, no_array_;
+  GlObject array_, no_array_;
   // Rewritten by each paint(). Fragment shaders read them, and Mesa's software device may run those of one paint() when the next
   // one has already begun, so two take turns.
   struct Frame {
-    GlBuffer views = GlBuffer::make(), colors = GlBuffer::make();
+    GlObject views = make_buffer(), colors = make_buffer();
   };
   std::array<Frame, 2> frames_;
   std::size_t painted_last_ = 0;
-  GlBuffer commands_buffer_;
+  GlObject commands_buffer_;
 
   std::vector<GlView> views_;                         // one per camera, for the sky, then one per item and camera
-  std::array<std::vector<DrawCommand>, 2> commands_;  // of items seen from everywhere, and only from the front
+  std::array<std::vector<DrawCommand>, 2> commands_;  // items seen from everywhere, and only from the front
   bool shows_textures_ = false, shows_masks_ = false;
 };
 

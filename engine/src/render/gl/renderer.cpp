@@ -78,11 +78,11 @@ struct GlRenderer::Impl {
   GlWorker worker;
   std::uint32_t num_models = 0;
   std::map<std::pair<const World*, float>, KnownWorld> worlds;  // by the world that has the geometry, and focal_px
-  std::set<std::shared_ptr<const World>> meshes;                // of bodies, which might not live long enough
+  std::set<std::shared_ptr<const World>> meshes;                // bodies' meshes, which might not live long enough
   std::array<std::optional<KnownModel>, kSolids.size() * kLevels> solids;
   std::vector<std::pair<const World*, std::uint32_t>> colors;  // where those of each world are in the scene
-  std::size_t triangles = 0;                                   // of the items that were added last
-  float focal_px = 0.0F;                                       // of the group that is planned, rounded up
+  std::size_t triangles = 0;                                   // triangles of the items that were added last
+  float focal_px = 0.0F;                                       // focal length of the group that is planned, rounded up
   std::vector<RenderRequest> requests;
   std::vector<std::uint32_t> order;  // indices of the requests, grouped by kind of camera
   std::vector<FramePart> parts;      // one per camera of the task
@@ -189,7 +189,7 @@ struct GlRenderer::Impl {
     if (rounds_left == 0) return;
     const std::vector<GlRound>& rounds = worker.task().rounds;
     while (rounds_left != 0) {
-      const Pixels& pixels = worker.wait();
+      const AtlasPixels& pixels = worker.wait();
       f(rounds[rounds.size() - rounds_left], pixels);
       worker.release();
       --rounds_left;
@@ -199,7 +199,7 @@ struct GlRenderer::Impl {
 
   void plan();
   void plan_group(std::span<const std::uint32_t> group);
-  void write(const GlRound& round, const Pixels& pixels, Workers& workers) const;
+  void write(const GlRound& round, const AtlasPixels& pixels, Workers& workers) const;
 };
 
 GlRenderer::GlRenderer(std::chrono::milliseconds patience) : impl_(std::make_unique<Impl>(patience)) {}
@@ -220,7 +220,7 @@ std::string GlRenderer::description() const { return impl_->worker.description()
 
 void GlRenderer::start(std::span<const RenderRequest> requests) {
   Impl& self = impl();
-  self.take_rounds([](const GlRound&, const Pixels&) {});  // left by a start() whose finish() was not called or threw
+  self.take_rounds([](const GlRound&, const AtlasPixels&) {});  // left by a start() whose finish() was not called or threw
   self.requests.assign(requests.begin(), requests.end());
   self.plan();
   if (requests.empty()) return;
@@ -230,7 +230,7 @@ void GlRenderer::start(std::span<const RenderRequest> requests) {
 
 void GlRenderer::finish(Workers& workers) {
   Impl& self = impl();
-  self.take_rounds([&](const GlRound& round, const Pixels& pixels) { self.write(round, pixels, workers); });
+  self.take_rounds([&](const GlRound& round, const AtlasPixels& pixels) { self.write(round, pixels, workers); });
 }
 
 void GlRenderer::Impl::plan() {
@@ -321,7 +321,7 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
   }
 }
 
-void GlRenderer::Impl::write(const GlRound& round, const Pixels& pixels, Workers& workers) const {
+void GlRenderer::Impl::write(const GlRound& round, const AtlasPixels& pixels, Workers& workers) const {
   const auto count = static_cast<std::size_t>(round.count);
   const std::size_t tile_pixels = AtlasSize{round.size.width, round.size.height, 1}.pixels();
   const std::size_t grain = std::max<std::size_t>(1, kGrain / tile_pixels);

@@ -109,7 +109,7 @@ layout(std430, binding = 2) readonly buffer Colors { vec4 colors[]; };  // of ea
 
 #if defined(TEXTURED) || defined(MASKED)
 layout(std430, binding = 3) readonly buffer Texels { uint texels[]; };  // begin with the linear values of bytes, as floats
-// A texture has its first level, number of levels and wrap modes; a level its first texel, width and height.
+// A texture has its first level, number of levels and wrap modes; a level its first texel, width, height and stride.
 layout(std430, binding = 4) readonly buffer Textures { uvec4 textures[]; };
 
 float wrapped(float x, uint wrap) {
@@ -118,16 +118,7 @@ float wrapped(float x, uint wrap) {
   return clamp(wrap == 0u ? x - floor(x) : wrap == 1u ? mirrored : x, 0.0, 1.0);
 }
 
-// Two neighbouring texels along an axis.
-ivec2 neighbours(float below, int size, uint wrap) {
-  int first = int(below);
-  int second = first + 1;
-  if (first < 0) first = wrap == 0u ? size - 1 : 0;
-  if (second >= size) second = wrap == 0u ? 0 : size - 1;
-  return ivec2(first, second);
-}
-
-vec4 texel_at(uint number) {
+vec4 texel_at(int number) {
   uint texel = texels[number];
   return vec4(uintBitsToFloat(texels[texel & 0xFFu]), uintBitsToFloat(texels[texel >> 8u & 0xFFu]),
               uintBitsToFloat(texels[texel >> 16u & 0xFFu]), float(texel >> 24u));
@@ -136,14 +127,13 @@ vec4 texel_at(uint number) {
 // The linear colour of a level of a texture, and its alpha in [0, 255].
 vec4 level_color(uint level, uvec4 image) {
   uvec4 place = textures[image.x + level];
-  ivec2 size = ivec2(place.yz);
-  vec2 texel = vec2(wrapped(texture_at.x, image.z), wrapped(texture_at.y, image.w)) * vec2(size) - 0.5;
+  vec2 texel = vec2(wrapped(texture_at.x, image.z), wrapped(texture_at.y, image.w)) * vec2(place.yz) - 0.5;
   vec2 below = floor(texel);
   vec2 towards = texel - below;
-  ivec2 x = neighbours(below.x, size.x, image.z);
-  ivec2 y = neighbours(below.y, size.y, image.w) * size.x;
-  vec4 upper = mix(texel_at(place.x + uint(y.x + x.x)), texel_at(place.x + uint(y.x + x.y)), towards.x);
-  vec4 lower = mix(texel_at(place.x + uint(y.y + x.x)), texel_at(place.x + uint(y.y + x.y)), towards.x);
+  int stride = int(place.w);
+  int first = int(place.x) + int(below.y) * stride + int(below.x);
+  vec4 upper = mix(texel_at(first), texel_at(first + 1), towards.x);
+  vec4 lower = mix(texel_at(first + stride), texel_at(first + stride + 1), towards.x);
   return mix(upper, lower, towards.y);
 }
 
@@ -236,11 +226,11 @@ void main() {
 }
 )";
 
-GlShader compile(GLenum stage, const std::string& defines, std::initializer_list<const char*> parts) {
+GlObject compile(GLenum stage, const std::string& defines, std::initializer_list<const char*> parts) {
   std::string source = kCommon;
   source.insert(source.find('\n') + 1, defines);
   for (const char* part : parts) source += part;
-  GlShader shader = GlShader::make(stage);
+  GlObject shader = make_shader(stage);
   const char* text = source.c_str();
   glShaderSource(shader.name(), 1, &text, nullptr);
   glCompileShader(shader.name());
@@ -252,8 +242,8 @@ GlShader compile(GLenum stage, const std::string& defines, std::initializer_list
   throw GlUnavailable("the driver rejected a shader: " + std::string(log.data()));
 }
 
-GlProgram link(const GlShader& vertex, const GlShader& fragment) {
-  GlProgram program = GlProgram::make();
+GlObject link(const GlObject& vertex, const GlObject& fragment) {
+  GlObject program = make_program();
   glAttachShader(program.name(), vertex.name());
   glAttachShader(program.name(), fragment.name());
   glLinkProgram(program.name());
@@ -280,7 +270,7 @@ GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
   if (const auto found = programs_.find(key); found != programs_.end()) return found->second.name();
   const char* const vertex = role == Role::triangles ? kVertex : kEverywhereVertex;
   const char* const fragment = role == Role::triangles ? kFragment : role == Role::sky ? kSkyFragment : kResolveFragment;
-  GlProgram program =
+  GlObject program =
       link(compile(GL_VERTEX_SHADER, defines, {vertex}), compile(GL_FRAGMENT_SHADER, defines, {kFragmentCommon, fragment}));
   return programs_.emplace(key, std::move(program)).first->second.name();
 }

@@ -36,13 +36,13 @@ struct GlView {
   std::array<float, 4> turn_x, turn_y, turn_z;  // axes of the item, world frame
   std::array<float, 4> scale;                   // a corner is scale.xyz * position, and scale.w farther from z = 0
   std::array<float, 3> color;                   // multiplies those of the materials
-  std::uint32_t ids;                            // of the whole item; 0: of each triangle
+  std::uint32_t ids;                            // the whole item's; 0: each triangle's
   std::array<float, 4> middle_gamma, slope;     // ambient light: middle + slope * n.z; w: 1 / gamma
   std::array<float, 4> sun, sun_direction;      // world frame
   std::array<float, 4> horizon, zenith_glow;    // see SunDisc
   std::array<float, 4> disc_steepness;
-  float edge;                 // of the sun's disc
-  std::uint32_t first_color;  // of the world's materials
+  float edge;                 // edge of the sun's disc
+  std::uint32_t first_color;  // the world's first material
   std::array<float, 2> unused;
 };
 static_assert(sizeof(GlView) == 20 * 16);
@@ -63,7 +63,7 @@ class GlShaders {
   GLuint get(Role role, const ShaderTraits& traits);           // throws GlUnavailable if the driver rejects the source
 
  private:
-  std::unordered_map<std::uint32_t, GlProgram> programs_;
+  std::unordered_map<std::uint32_t, GlObject> programs_;
 };
 
 }  // namespace flockstep::render

@@ -70,7 +70,7 @@ struct GlWorker::Shared {
   std::uint64_t started = 0;        // number of tasks started
   std::size_t published = 0;        // rounds of the current task that have been read back
   std::size_t released = 0;         // published rounds that the caller has released
-  std::array<Pixels, kNumReadbacks> pixels;
+  std::array<AtlasPixels, kNumReadbacks> pixels;
   // Written before `ready` is set:
   std::string description;
   int max_side = 0;
@@ -91,16 +91,18 @@ struct GlWorker::Shared {
     return true;
   }
 
-  void fail(const std::string& why) {
+  // Changes what the mutex protects.
+  template <class F>
+  void change(const F& f) {
     const std::lock_guard lock(mutex);
-    if (error.empty()) error = why;
+    f();
     changed.notify_all();
   }
 
-  void give_sign() {
-    const std::lock_guard lock(mutex);
-    ++signs_of_life;
-    changed.notify_all();
+  void fail(const std::string& why) {
+    change([&] {
+      if (error.empty()) error = why;
+    });
   }
 };
 
@@ -112,9 +114,7 @@ GlWorker::GlWorker(milliseconds patience) : shared_(std::make_shared<Shared>(egl
   try {
     thread_ = std::thread([shared = shared_] {
       run(*shared);
-      const std::lock_guard lock(shared->mutex);
-      shared->ended = true;
-      shared->changed.notify_all();
+      shared->change([&] { shared->ended = true; });
     });
   } catch (const std::system_error& error) {
     throw GlUnavailable(std::string("no thread can be started for OpenGL: ") + error.what());
@@ -155,17 +155,15 @@ bool GlWorker::is_software() const { return shared_->is_software; }
 GlTask& GlWorker::task() { return shared_->task; }
 
 void GlWorker::start() {
-  {
-    const std::lock_guard lock(shared_->mutex);
+  shared_->change([&] {
     if (!shared_->error.empty()) throw GlUnavailable(shared_->error);
     ++shared_->started;
     shared_->published = 0;
     shared_->released = 0;
-  }
-  shared_->changed.notify_all();
+  });
 }
 
-const Pixels& GlWorker::wait() {
+const AtlasPixels& GlWorker::wait() {
   std::unique_lock lock(shared_->mutex);
   const std::size_t round = shared_->released;
   shared_->wait(lock, [&] { return shared_->published > round || !shared_->error.empty(); });
@@ -179,11 +177,7 @@ const Pixels& GlWorker::wait() {
 }
 
 void GlWorker::release() {
-  {
-    const std::lock_guard lock(shared_->mutex);
-    ++shared_->released;
-  }
-  shared_->changed.notify_all();
+  shared_->change([&] { ++shared_->released; });
 }
 
 // The OpenGL objects of the thread, and the work it does with them.
@@ -200,14 +194,12 @@ struct GlWorker::Device {
     std::array<GLint, 2> viewport{};
     glGetIntegerv(GL_MAX_TEXTURE_SIZE, &side);
     glGetIntegerv(GL_MAX_VIEWPORT_DIMS, viewport.data());
-    {
-      const std::lock_guard lock(s.mutex);
+    s.change([&] {
       s.description = context.description();
       s.max_side = std::min({side, viewport[0], viewport[1]});
       s.is_software = context.is_software();
       s.ready = true;
-    }
-    s.changed.notify_all();
+    });
   }
 
   void work() {
@@ -221,7 +213,7 @@ struct GlWorker::Device {
       }
       for (const GlModel& model : s.task.models) {
         painter.add(model);
-        s.give_sign();
+        s.change([&] { ++s.signs_of_life; });
       }
       const std::size_t count = s.task.rounds.size();
       for (std::size_t round = 0; round < count; ++round) {
@@ -266,11 +258,11 @@ struct GlWorker::Device {
   void publish(std::size_t round) {
     GlReadback& readback = readbacks[round % kNumReadbacks];
     readback.finish();
-    const std::lock_guard lock(s.mutex);
-    s.pixels[round % kNumReadbacks] = readback.pixels();
-    s.published = round + 1;
-    ++s.signs_of_life;
-    s.changed.notify_all();
+    s.change([&] {
+      s.pixels[round % kNumReadbacks] = readback.pixels();
+      s.published = round + 1;
+      ++s.signs_of_life;
+    });
   }
 };
 

@@ -45,7 +45,7 @@ class GlWorker {
   GlTask& task();  // may be changed until start(), and again after the last round has been released
   void start();
   // Returns the pixels of the task's next round. Throws GlUnavailable if the round failed or did not arrive in time.
-  const Pixels& wait();
+  const AtlasPixels& wait();
   void release();  // releases the pixels of the last wait()
 
  private:

@@ -1,9 +1,13 @@
 #include "render/raycast/raycast_renderer.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstring>
 #include <limits>
+#include <numeric>
 #include <span>
+#include <vector>
 
 #include "trace/packets.hpp"
 
@@ -14,6 +18,9 @@ static_assert(PixelTile::kSide == trace::kTileWidth && TilePixels::kCount == tra
 
 // Distance of a shadow ray's origin from the surface, relative to its coordinates. It exceeds the rounding error of a hit.
 constexpr float kLift = 1e-4F;
+
+// An adaptive camera takes all samples of a pixel if a channel differs by more than this among the 3 x 3 pixels around it.
+constexpr int kMaxEven = 8;
 
 Vec3 to_sun(const RenderRequest& request) {
   const auto& direction = request.world->light().sun_direction;
@@ -77,12 +84,12 @@ void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, Ra
     hits.max[axis] = (origin - missed).maxCoeff();
   }
   RayView(block.range, count) = kFar - missed;
-  const bool has_casters = !scratch.casters.empty() && hits.min.x() <= hits.max.x();
-  if (has_casters) {
-    scratch.tracer.trace_shadows(*request.scene, scratch.casters.above(hits), scratch.casters.meshes_above(hits));
-  } else {
-    scratch.tracer.trace_shadows(*request.scene);
+  if (hits.min.x() > hits.max.x()) {
+    std::fill_n(scratch.shaded, rays.count, std::uint8_t{0});
+    return;
   }
+  scratch.tracer.trace_shadows(*request.scene, !scratch.casters.lists_primitives(), scratch.casters.above(hits),
+                               scratch.casters.meshes_above(hits));
   for (std::size_t i = 0; i < rays.count; ++i) scratch.shaded[i] = std::isfinite(block.t_hit[i]);
   const std::optional<Aabb>& room = request.shading->room();
   const bool outside = room && !((room->min.array() <= hits.min.array()).all() && (hits.max.array() <= room->max.array()).all());
@@ -92,17 +99,9 @@ void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, Ra
   }
 }
 
-// Traces and shades one sample of each pixel of the tile.
-void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const PixelTile& tile, const CameraOutputs& wanted,
-            RaycastScratch& scratch) {
-  const trace::RayBundle& rays = scratch.tracer.trace({.x = scratch.ones,
-                                                       .y = grid.left.data() + tile.column * PixelTile::kSide,
-                                                       .z = grid.up.data() + tile.row * PixelTile::kSide,
-                                                       .rows = tile.height,
-                                                       .width = PixelTile::kSide,
-                                                       .frustum = &tile.frustum,
-                                                       .u = &grid.columns[tile.column / PixelTile::kSide],
-                                                       .v = &grid.rows[tile.row / PixelTile::kSide]});
+// Traces and shades the rays of a tile.
+void shoot(const RenderRequest& request, const trace::RayTile& tile, const CameraOutputs& wanted, RaycastScratch& scratch) {
+  const trace::RayBundle& rays = scratch.tracer.trace(tile);
   const bool shadows = request.camera->shadows && wanted.any_color();
   if (shadows) find_shadows(request, rays, scratch);
   const auto shaded = shadows ? std::span<const std::uint8_t>(scratch.shaded) : std::span<const std::uint8_t>();
@@ -112,12 +111,31 @@ void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const
                          request.camera->depth_kind, scratch.bodies, scratch.pixels);
 }
 
+// Traces and shades one sample of each pixel of the tile.
+void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const PixelTile& tile, const CameraOutputs& wanted,
+            RaycastScratch& scratch) {
+  shoot(request,
+        {.x = scratch.ones,
+         .y = grid.left.data() + tile.column * PixelTile::kSide,
+         .z = grid.up.data() + tile.row * PixelTile::kSide,
+         .rows = tile.height,
+         .width = PixelTile::kSide,
+         .frustum = &tile.frustum,
+         .u = &grid.columns[tile.column / PixelTile::kSide],
+         .v = &grid.rows[tile.row / PixelTile::kSide]},
+        wanted, scratch);
+}
+
+CameraOutputs colors_of(CameraOutputs outputs) {
+  outputs.depth = outputs.semantic = outputs.instance = outputs.normal = false;
+  return outputs;
+}
+
 // Averages the colours of all samples.
 void average(const RenderRequest& request, const PixelTile& tile, RaycastScratch& scratch) {
   TilePixels& pixels = scratch.pixels;
   std::uint8_t* const channels[3] = {pixels.r, pixels.g, pixels.b};
-  CameraOutputs colors = request.camera->outputs;
-  colors.depth = colors.semantic = colors.instance = colors.normal = false;
+  const CameraOutputs colors = colors_of(request.camera->outputs);
   const std::size_t pixels_of_tile = tile.height * PixelTile::kSide;
   for (auto& sums : scratch.sums) std::fill_n(sums, pixels_of_tile, std::uint16_t{0});
   const auto grids = std::span(request.pinhole->grids).subspan(1);
@@ -137,39 +155,152 @@ void average(const RenderRequest& request, const PixelTile& tile, RaycastScratch
   }
 }
 
-}  // namespace
+// Row `row` of a channel of request.centres, which is padded to whole tiles.
+std::uint8_t* centres_of(const RenderRequest& request, std::size_t channel, std::size_t row) {
+  const std::vector<PixelTile>& tiles = request.pinhole->tiles;
+  const std::size_t width = tiles.back().column + PixelTile::kSide;
+  return request.centres + channel * tiles.size() * TilePixels::kCount + row * width;
+}
 
-RaycastScratch::RaycastScratch() { std::fill(std::begin(ones), std::end(ones), 1.0F); }
+// Copies the colours of a tile to request.centres, or back.
+template <bool kBack>
+void copy_centres(const RenderRequest& request, const PixelTile& tile, TilePixels& pixels) {
+  std::uint8_t* const channels[3] = {pixels.r, pixels.g, pixels.b};
+  for (std::size_t c = 0; c < 3; ++c) {
+    for (std::size_t row = 0; row < tile.height; ++row) {
+      std::uint8_t* const centres = centres_of(request, c, tile.row + row) + tile.column;
+      std::uint8_t* const own = channels[c] + row * PixelTile::kSide;
+      std::memcpy(kBack ? own : centres, kBack ? centres : own, PixelTile::kSide);
+    }
+  }
+}
 
-void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch) {
+// Lists the pixels of a tile around which the colours of request.centres differ.
+std::span<const std::uint8_t> list_uneven(const RenderRequest& request, const PixelTile& tile,
+                                          std::array<std::uint8_t, TilePixels::kCount>& list) {
+  constexpr std::size_t kSide = PixelTile::kSide;
+  const PixelTile& corner = request.pinhole->tiles.back();
+  const std::size_t left = tile.column == 0 ? 0 : 1, right = tile.column == corner.column ? 0 : 1;
+  std::array<bool, TilePixels::kCount> uneven{};
+  for (std::size_t c = 0; c < 3; ++c) {
+    // With a border of one pixel, and more columns for vectors. Beyond the image it repeats the image's border.
+    std::uint8_t around[kSide + 2][2 * kSide] = {};
+    for (std::size_t row = 0; row < tile.height + 2; ++row) {
+      const std::size_t above = std::clamp(tile.row + row, std::size_t{1}, corner.row + corner.height) - 1;
+      const std::uint8_t* const centres = centres_of(request, c, above) + tile.column;
+      std::memcpy(&around[row][1], centres, kSide);
+      around[row][0] = *(centres - left);
+      std::fill(&around[row][tile.width + 1], &around[row][kSide + 2], centres[tile.width - 1 + right]);
+    }
+    for (std::size_t row = 0; row < tile.height; ++row) {
+      std::uint8_t low[2 * kSide], high[2 * kSide];
+      for (std::size_t i = 0; i < 2 * kSide; ++i) {
+        low[i] = std::min(std::min(around[row][i], around[row + 1][i]), around[row + 2][i]);
+        high[i] = std::max(std::max(around[row][i], around[row + 1][i]), around[row + 2][i]);
+      }
+      for (std::size_t i = 0; i < kSide; ++i) {
+        const int lowest = std::min(std::min(low[i], low[i + 1]), low[i + 2]);
+        const int highest = std::max(std::max(high[i], high[i + 1]), high[i + 2]);
+        uneven[row * kSide + i] |= highest - lowest > kMaxEven;
+      }
+    }
+  }
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < tile.height * kSide; ++i) {
+    if (uneven[i] && i % kSide < tile.width) list[count++] = static_cast<std::uint8_t>(i);
+  }
+  return std::span(list).first(count);
+}
+
+// Takes all samples of some pixels of a tile, kMaxRays in all at most, and writes their means to scratch.refined.
+void refine(const RenderRequest& request, const PixelTile& tile, std::span<const std::uint8_t> list, RaycastScratch& scratch) {
+  const auto grids = std::span(request.pinhole->grids).subspan(1);
+  std::size_t rays = 0;
+  for (const std::size_t pixel : list) {
+    for (const PinholeCamera::Grid& grid : grids) {
+      scratch.left[rays] = grid.left[tile.column * PixelTile::kSide + pixel];
+      scratch.up[rays++] = grid.up[tile.row * PixelTile::kSide + pixel];
+    }
+  }
+  for (float* const of : {scratch.left, scratch.up}) std::fill(of + rays, of + trace::kMaxRays, of[rays - 1]);
+  const trace::TileAxis u = trace::make_tile_axis(scratch.left), v = trace::make_tile_axis(scratch.up);
+  shoot(request,
+        {.x = scratch.ones,
+         .y = scratch.left,
+         .z = scratch.up,
+         .rows = (rays + PixelTile::kSide - 1) / PixelTile::kSide,
+         .width = PixelTile::kSide,
+         .frustum = &tile.frustum,
+         .u = &u,
+         .v = &v},
+        colors_of(request.camera->outputs), scratch);
+  const std::uint8_t* const taken[3] = {scratch.pixels.r, scratch.pixels.g, scratch.pixels.b};
+  std::uint8_t* const refined[3] = {scratch.refined.r, scratch.refined.g, scratch.refined.b};
+  for (std::size_t c = 0; c < 3; ++c) {
+    for (std::size_t i = 0; i < list.size(); ++i) {
+      const std::size_t sum = std::accumulate(taken[c] + i * grids.size(), taken[c] + (i + 1) * grids.size(), grids.size() / 2);
+      refined[c][list[i]] = static_cast<std::uint8_t>(sum / grids.size());
+    }
+  }
+}
+
+// Prepares the scratch memory for tiles of a request.
+void begin(const RenderRequest& request, RaycastScratch& scratch) {
   const CameraConfig& camera = *request.camera;
-  const PinholeCamera& pinhole = *request.pinhole;
   VisibleBodies bodies = request.bodies, drones = request.drones;
   bodies.shapes.first_element = request.shading->first_body();
   drones.shapes.first_element = bodies.shapes.first_element + static_cast<std::int32_t>(bodies.shapes.count);
   scratch.bodies.begin(bodies, drones, *request.shading);
-  const bool shadows = camera.shadows && camera.outputs.any_color();
-  scratch.casters.begin(shadows ? bodies.shapes : trace::Bodies{}, shadows ? drones.shapes : trace::Bodies{}, to_sun(request));
+  if (camera.shadows && camera.outputs.any_color()) {
+    scratch.casters.begin(request.scene->casters(), bodies.shapes, drones.shapes, to_sun(request));
+  }
   scratch.tracer.set_viewpoint(*request.scene,
                                {.origin = request.position,
                                 .rotation = request.rotation,
                                 .near = camera.near_m,
                                 .range = camera.far_m,
-                                .longest = pinhole.corner,
+                                .longest = request.pinhole->corner,
                                 .sees_markers = true,
                                 .bodies = &bodies.shapes,
                                 .drones = &drones.shapes,
                                 .asked = {.normals = camera.outputs.normal, .weights = camera.outputs.any_color()},
                                 .policy = request.policy});
-  CameraOutputs wanted = camera.outputs;
-  const bool samples = pinhole.grids.size() > 1;
+}
+
+}  // namespace
+
+RaycastScratch::RaycastScratch() { std::fill(std::begin(ones), std::end(ones), 1.0F); }
+
+void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch) {
+  begin(request, scratch);
+  const PinholeCamera& pinhole = *request.pinhole;
+  CameraOutputs wanted = request.camera->outputs;
+  const bool samples = pinhole.grids.size() > 1 && request.centres == nullptr;
   if (samples) wanted.rgb = wanted.grey = false;
   const bool centre = wanted.any_color() || wanted.depth || wanted.semantic || wanted.instance || wanted.normal;
   for (std::size_t i = first; i < last; ++i) {
     const PixelTile& tile = pinhole.tiles[i];
     if (centre) sample(request, pinhole.grids[0], tile, wanted, scratch);
-    if (samples && camera.outputs.any_color()) average(request, tile, scratch);
-    write_tile(scratch.pixels, tile, camera, request.frame);
+    if (request.centres != nullptr) copy_centres<false>(request, tile, scratch.pixels);
+    if (samples && request.camera->outputs.any_color()) average(request, tile, scratch);
+    write_tile(scratch.pixels, tile, *request.camera, request.frame);
+  }
+}
+
+void refine_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch) {
+  begin(request, scratch);
+  const std::size_t most = trace::kMaxRays / (request.pinhole->grids.size() - 1);  // pixels at a time
+  const RenderTargets colors{.rgb = request.frame.rgb, .grey = request.frame.grey};
+  std::array<std::uint8_t, TilePixels::kCount> list;
+  for (std::size_t i = first; i < last; ++i) {
+    const PixelTile& tile = request.pinhole->tiles[i];
+    auto left = list_uneven(request, tile, list);
+    if (left.empty()) continue;
+    copy_centres<true>(request, tile, scratch.refined);
+    for (; !left.empty(); left = left.subspan(std::min(most, left.size()))) {
+      refine(request, tile, left.first(std::min(most, left.size())), scratch);
+    }
+    write_tile(scratch.refined, tile, *request.camera, colors);
   }
 }
 

@@ -14,11 +14,13 @@ namespace flockstep::render {
 struct RaycastScratch {
   trace::Tracer tracer;
   ShadedBodies bodies;
-  BodyCasters casters;  // empty if the frame has no shadows
+  Casters casters;  // used if the frame has shadows
   TilePixels pixels;
   alignas(64) std::uint8_t shaded[TilePixels::kCount];
   alignas(64) std::uint16_t sums[3][TilePixels::kCount];  // sums of r, g and b over the samples
   alignas(64) trace::RayFloats ones;                      // x of all ray directions
+  alignas(64) trace::RayFloats left, up;                  // y and z of the directions of refined pixels' samples
+  TilePixels refined;                                     // colours of a tile with refined pixels
 
   RaycastScratch();
 };
@@ -27,7 +29,10 @@ struct RaycastScratch {
 // request.
 void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch);
 
+// Takes all samples of the pixels around which the colours differ; call it after render_tiles() for all tiles of the image.
+void refine_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch);
+
 // Writes the pixels of a tile into a frame, in the layout of the camera.
-void write_tile(const TilePixels& pixels, const PixelTile& tile, const CameraConfig& camera, const Frame& frame);
+void write_tile(const TilePixels& pixels, const PixelTile& tile, const CameraConfig& camera, const RenderTargets& frame);
 
 }  // namespace flockstep::render

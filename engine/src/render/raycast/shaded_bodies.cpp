@@ -129,9 +129,12 @@ const std::int32_t* ShadedBodies::find_ramp(const Surface& surface) {
   return (*found)->is_fine ? (*found)->entries.data() : nullptr;
 }
 
-void BodyCasters::begin(const trace::Bodies& bodies, const trace::Bodies& drones, const Vec3& to_sun) {
+void Casters::begin(std::span<const trace::NumberedShape> primitives, const trace::Bodies& bodies, const trace::Bodies& drones,
+                    const Vec3& to_sun) {
   to_sun_ = to_sun;
+  lists_primitives_ = primitives.size() <= kMaxListed;
   casters_.clear();
+  if (lists_primitives_) casters_.assign(primitives.begin(), primitives.end());
   meshes_.clear();
   trace::append_shapes(bodies, casters_);
   trace::append_meshes(bodies, meshes_);
@@ -141,7 +144,7 @@ void BodyCasters::begin(const trace::Bodies& bodies, const trace::Bodies& drones
 }
 
 // The shadow reaches the box if a ray from the box's centre to the sun hits the caster's bounding box, widened by the box.
-bool BodyCasters::reaches(const Vec3& offset, const Vec3& half) const {
+bool Casters::reaches(const Vec3& offset, const Vec3& half) const {
   float enter = 0.0F;
   float leave = std::numeric_limits<float>::max();
   for (Eigen::Index axis = 0; axis < 3; ++axis) {
@@ -157,7 +160,7 @@ bool BodyCasters::reaches(const Vec3& offset, const Vec3& half) const {
   return enter <= leave;
 }
 
-std::span<const trace::NumberedShape> BodyCasters::above(const Aabb& box) {
+std::span<const trace::NumberedShape> Casters::above(const Aabb& box) {
   above_.clear();
   const Vec3 center = 0.5F * (box.min + box.max), half = 0.5F * (box.max - box.min);
   for (const trace::NumberedShape& caster : casters_) {
@@ -166,7 +169,7 @@ std::span<const trace::NumberedShape> BodyCasters::above(const Aabb& box) {
   return above_;
 }
 
-std::span<const trace::PosedMesh> BodyCasters::meshes_above(const Aabb& box) {
+std::span<const trace::PosedMesh> Casters::meshes_above(const Aabb& box) {
   meshes_above_.clear();
   const Vec3 center = 0.5F * (box.min + box.max), half = 0.5F * (box.max - box.min);
   for (const trace::PosedMesh& mesh : meshes_) {

@@ -38,7 +38,7 @@ class ShadedMesh {
 
  private:
   std::shared_ptr<const World> world_;
-  const Shading* shading_;  // of world_
+  const Shading* shading_;  // world_'s
   Light light_;             // world frame
   Mat3 to_local_ = Mat3::Zero();
   Shading::Tables tables_;
@@ -115,13 +115,16 @@ class ShadedBodies {
   std::vector<std::int32_t> seen_meshes_, taken_meshes_, triangles_;
 };
 
-// BodyCasters: the bodies and drones of one frame as casters of shadows.
+// Casters: what casts shadows in one frame, except the triangles of the world, and its primitives if they are many.
 // Each thread needs its own.
-class BodyCasters {
+class Casters {
  public:
-  // Begins a frame. Allocates only if there are more bodies than ever before.
-  void begin(const trace::Bodies& bodies, const trace::Bodies& drones, const Vec3& to_sun);
-  bool empty() const { return casters_.empty() && meshes_.empty(); }
+  static constexpr std::size_t kMaxListed = 64;  // primitives of the world; Embree's tree finds more of them sooner
+
+  // Begins a frame. Allocates only if there are more casters than ever before. primitives: of the world, without rooms.
+  void begin(std::span<const trace::NumberedShape> primitives, const trace::Bodies& bodies, const trace::Bodies& drones,
+             const Vec3& to_sun);
+  bool lists_primitives() const { return lists_primitives_; }
   // Return at least those casters whose shadow reaches into the box, valid until the next call.
   std::span<const trace::NumberedShape> above(const Aabb& box);
   std::span<const trace::PosedMesh> meshes_above(const Aabb& box);
@@ -131,6 +134,7 @@ class BodyCasters {
   bool reaches(const Vec3& offset, const Vec3& half) const;
 
   Vec3 to_sun_ = Vec3::UnitZ();
+  bool lists_primitives_ = false;
   std::vector<trace::NumberedShape> casters_, above_;
   std::vector<trace::PosedMesh> meshes_, meshes_above_;
 };

@@ -150,7 +150,7 @@ struct FogView {
   template <bool kShadows, Detail kDetail>
   HWY_INLINE FogView(const Shading::Tables& tables, const Rays<kShadows, kDetail>& rays) {
     const F length = sqrt(dot(rays.direction, rays.direction));
-    clear = exp_of_minus(rays.t * length * tables.air.fog_per_m);
+    clear = exp_of_minus(rays.t * length * (3.9F / tables.light.fog_visibility_m));
     up = max(dot(rays.direction, up_of(tables)) / length, 0.0F);
   }
   HWY_INLINE FogView(F clear_part, F up_part) : clear(clear_part), up(up_part) {}
@@ -688,8 +688,8 @@ void light_triangles(const Shading::Tables& tables, std::span<const std::int32_t
       as_roots(color, unit).store(roots[k]);
     }
     for (std::size_t i = 0; i < count; ++i) {
-      const bool tinted =
-          !tables.colors.empty() || !tables.air.is_clear() || tables.paints[static_cast<std::size_t>(material[i])].texture >= 0;
+      const bool tinted = !tables.colors.empty() || tables.light.fog_visibility_m > 0.0F ||
+                          tables.paints[static_cast<std::size_t>(material[i])].texture >= 0;
       for (std::size_t k = 0; k < 2; ++k) out[2 * number(first + i) + k] = tinted ? roots[k][i] : plain[k][i];
     }
   }
@@ -874,7 +874,7 @@ auto tile_shader(const Shading::Tables& tables, bool has_fog) {
 void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
            const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, ShadedBodies& bodies,
            TilePixels& out) {
-  const bool has_fog = !tables.air.is_clear() && wanted.any_color();
+  const bool has_fog = tables.light.fog_visibility_m > 0.0F && wanted.any_color();
   if (shaded == nullptr) {
     const std::int32_t element = bundle.element[0];
     const bool is_solid = element >= 0 && (element < tables.first_triangle || element >= tables.first_marker) &&
@@ -975,7 +975,7 @@ ShadedSolid Shading::make_solid(const trace::Shape& shape, const Surface& surfac
 
 void Shading::make_ramp(const Surface& surface, Ramp& ramp) const { HWY_DYNAMIC_DISPATCH(fill_ramp)(tables_, surface, ramp); }
 
-Shading::Images::Images(const World& world) : textures(world, Border::yes) {
+Shading::Images::Images(const World& world) : textures(world) {
   std::array<std::uint32_t, 256> roots;
   for (std::size_t i = 0; i < roots.size(); ++i) {
     roots[i] = static_cast<std::uint32_t>(std::lround(std::sqrt(srgb_to_linear()[i]) * static_cast<float>(kRoots)));

@@ -134,13 +134,12 @@ class Shading {
     std::int32_t first_object = 0;
     Light light;
     std::array<float, 3> up{0.0F, 0.0F, 1.0F};  // direction of the zenith
-    Air air;
     SunDisc sun_disc;
     std::array<std::int32_t, kLevels + 1> levels{};
     std::vector<Ramp> ramps;  // one per material
-    // True without a sun disc, emission, vertex colours and air that is not clear. The kernels then omit the code for them.
-    bool is_plain() const { return !sun_disc.shows && !emits && colors.empty() && air.is_clear(); }
-    explicit Tables(const Light& of) : light(of), air(light), sun_disc(light) {}
+    // True without a sun disc, emission and vertex colours. The kernels then omit the code for them.
+    bool is_plain() const { return !sun_disc.shows && !emits && colors.empty(); }
+    explicit Tables(const Light& of) : light(of), sun_disc(light) {}
   };
 
  private:

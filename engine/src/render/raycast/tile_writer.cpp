@@ -20,8 +20,8 @@ constexpr std::size_t kSide = PixelTile::kSide;
 // Interleaves a row of kSide pixels with three channels.
 template <class T>
 HWY_INLINE void interleave(const T* a, const T* b, const T* c, T* out) {
-  using Pixels = Wide<hn::CappedTag<T, kSide>>;
-  for (std::size_t i = 0; i < kSide; i += Pixels::kCount) Wide3<Pixels>::load(a + i, b + i, c + i).store_rows(out + 3 * i);
+  using Lanes = Wide<hn::CappedTag<T, kSide>>;
+  for (std::size_t i = 0; i < kSide; i += Lanes::kCount) Wide3<Lanes>::load(a + i, b + i, c + i).store_rows(out + 3 * i);
 }
 
 // Writes three channels of a tile into an image of either layout.
@@ -59,7 +59,7 @@ HWY_INLINE void write_plane(const T* values, const PixelTile& tile, const Camera
   }
 }
 
-void write(const TilePixels& pixels, const PixelTile& tile, const CameraConfig& camera, const Frame& frame) {
+void write(const TilePixels& pixels, const PixelTile& tile, const CameraConfig& camera, const RenderTargets& frame) {
   if (frame.rgb != nullptr) write_channels(pixels.r, pixels.g, pixels.b, tile, camera, frame.rgb);
   if (frame.depth != nullptr) write_plane(pixels.depth, tile, camera, frame.depth);
   if (frame.semantic != nullptr) write_plane(pixels.semantic, tile, camera, frame.semantic);
@@ -80,7 +80,7 @@ namespace flockstep::render {
 
 HWY_EXPORT(write);
 
-void write_tile(const TilePixels& pixels, const PixelTile& tile, const CameraConfig& camera, const Frame& frame) {
+void write_tile(const TilePixels& pixels, const PixelTile& tile, const CameraConfig& camera, const RenderTargets& frame) {
   HWY_DYNAMIC_DISPATCH(write)(pixels, tile, camera, frame);
 }
 
