@@ -117,7 +117,7 @@ std::string JsonPath::pointer() const {
   return text;
 }
 
-std::string Path::member() const {
+std::string JsonPath::member() const {
   std::string text;
   for (std::size_t i = 0; i < depth_; ++i) {
     const auto& [key, index] = steps_[i];
