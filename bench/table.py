@@ -23,7 +23,8 @@ their median, least and greatest. A line with "=" gives the text for a word, "_ 
 order. Above the tables stand the processors and commits of the results; after `<!-- table by source` each row has its
 own.
 
-`<!-- tried NAME -->` is followed by the number of trials of `./dev try NAME`.
+`<!-- tried NAME -->` is followed by the number of trials of `./dev try NAME`, until `<!-- /tried -->`, and
+`<!-- figure PATTERN as FORM -->` by the figures of that pattern as in a cell, until `<!-- /figure -->`.
 
 Each result comes from one commit and one processor. Those of a checkout with local changes are rejected, and so are
 those of commits that are not in the history, which nobody could measure again; a shallow clone and a folder without git
@@ -51,6 +52,7 @@ KEPT = ROOT / "bench" / "results"
 TRIALS = ROOT / "bench" / "tried.json"
 TABLE = re.compile(r"(<!-- table( by source)?\n(.*?)-->\n).*?(<!-- end of table -->)", re.DOTALL)
 TRIED = re.compile(r"(<!-- tried (\w+) -->).*?(<!-- /tried -->)")
+FIGURE = re.compile(r"(<!-- figure (.+?) as (.*?) -->).*?(<!-- /figure -->)")
 WORD = re.compile(r"\{(\w*)(?::([^}]*))?\}")
 BY_SOURCE = ("processor", "commit")
 
@@ -232,7 +234,7 @@ def tables(spec: str, by_source: bool, results: Results) -> str:
 
 
 def document(text: str, results: Results, trials: Results) -> str:
-    """Return a document with its tables and its numbers of trials."""
+    """Return a document with its tables, its figures and its numbers of trials."""
 
     def count(match: re.Match[str]) -> str:
         if (trial := trials.get(match[2])) is None:
@@ -240,6 +242,13 @@ def document(text: str, results: Results, trials: Results) -> str:
         remark = f" ({trial['remark']})" if "remark" in trial else ""
         return f"{match[1]}{trial['count']:,} {trial['unit']}{remark}{match[3]}"
 
+    def figure(match: re.Match[str]) -> str:
+        figures = [each for _, each, _ in found(match[2], results)]
+        if not figures:
+            return f"{match[1]}not measured yet{match[4]}"
+        return f"{match[1]}{shown([each['value'] for each in figures], figures[0]['unit'], match[3])}{match[4]}"
+
+    text = FIGURE.sub(figure, text)
     written = TABLE.sub(lambda m: f"{m[1]}{tables(m[3], bool(m[2]), results)}{m[4]}", text)
     return TRIED.sub(count, written)
 

@@ -2,7 +2,8 @@
 
 Writes the part between "<!-- environment ID -->" and "<!-- end of environment -->" of each page in docs/environments/,
 and between "<!-- environments -->" and "<!-- end of environments -->" of docs/environments/index.md. Each id has a
-page. Run it with the module built after a change of a task's words, fields or defaults.
+page. If several environments have the same task, the one with the task's default configuration lists its reward and its
+fields, and the others link to it. Run it with the module built after a change of a task's words, fields or defaults.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from stubs import field_table  # beside this file
 
 import flockstep
 from flockstep import _core
@@ -72,6 +72,33 @@ def table(head: tuple[str, str], rows: list[tuple[str, str]]) -> list[str]:
     ]
 
 
+def is_explained(field: Any, words: str) -> bool:
+    """Return whether the words of a task name a field, and each of its choices if it has any."""
+    choices = re.findall(r'"\w+"', field["type"])
+    return f"``{field['name']}" in words and all(choice in words for choice in choices)
+
+
+def defaults_text(fields: list[Any]) -> str:
+    """Return the defaults of fields as text: "`laps` 3, `start` between"."""
+    return ", ".join(f"`{field['name']}` {field['shown'].removesuffix('.0')}" for field in fields)
+
+
+def field_table(fields: list[Any]) -> list[str]:
+    """Return a table of fields with their descriptions."""
+    rows = [(f"`{f['name']}`", f"`{f['shown']}`", markdown(f["about"]).replace("|", "\\|")) for f in fields]
+    return ["| field | default | description |", "|---|---|---|", *("| " + " | ".join(row) + " |" for row in rows)]
+
+
+def configured(config: Any) -> str:
+    """Return a configuration: its class, and the fields that differ from its defaults."""
+    default, other = type(config)(), []
+    for name in (field["name"] for field in config._fields):
+        value = getattr(config, name)
+        if value != getattr(default, name):
+            other.append(f"{name}={configured(value) if hasattr(value, '_fields') else repr(value)}")
+    return f"{type(config).__name__}({', '.join(other)})"
+
+
 class Environment:
     """An environment with its default arguments, and the text of its page."""
 
@@ -84,8 +111,10 @@ class Environment:
         self.task: Any = next(config for config in _core.engine_tasks.values() if isinstance(recipe.task, config))
         self.observation = space_text(made.single_observation_space)
         self.action = space_text(made.single_action_space)
+        self.config: Any = recipe.task
+        self.is_default = recipe.task == self.task()
         self.defaults = {
-            "`task`": f"`{self.task.__name__}`",
+            "`task`": f"`{configured(recipe.task)}`",
             "`worlds`": ", ".join(f"`{name}`" for name in recipe.worlds),
             "`drone`": f"`{made.batch.drone.name}`",
             "`motion`, `control`": f"`{recipe.dynamics.motion}`, `{recipe.dynamics.control}`",
@@ -99,53 +128,70 @@ class Environment:
 
     def row(self) -> str:
         """Return the environment's row in the list of all."""
-        cells = (f"[`{self.id}`]({self.page}.md)", self.task._about, self.observation, self.action)
+        cells = (f"[`{self.id}`]({self.page}.md)", self.task._about, self.action)
         return "| " + " | ".join(cells) + " |"
 
-    def text(self) -> str:
-        """Return the generated part of the page."""
-        words = self.task._words
+    def is_observed(self, numbers: str) -> bool:
+        """Return whether the environment has a row of the observation: one that names a choice belongs to it alone."""
+        choice = re.search(r'"(\w+)"', numbers)
+        return not choice or choice[1] == self.config.observation
+
+    def text(self, main: str) -> str:
+        """Return the generated part of the page. ``main``: a link to the page with the task's reward and fields."""
+        words, fields = self.task._words, self.task._fields
+        name = self.task.__name__
+        weights = [f for f in fields if f["name"].endswith("_weight") and f["name"] in str(words["reward"])]
+        named = [field for field in fields if field not in weights and is_explained(field, str(words))]
+        others = [field for field in fields if field not in weights and field not in named]
+        of_named = f" Those named above: {defaults_text(named)}." if named else ""
         default = [(name, value) for name, value in self.defaults.items() if value]
+        observation = [(re.sub(r', "\w+"', "", a), b) for a, b in words["observation"] if self.is_observed(a)]
+        reward = table(("term", "value"), [(f"``{term}``", value) for term, value in words["reward"]])
         parts: list[tuple[str, str, list[str]]] = [
-            ("", words["about"], []),
             ("Action", f"{self.action}. {words['action']}", []),
-            (
-                "Observation",
-                f"{self.observation}. {words['observed']}",
-                table(("numbers", "meaning"), words["observation"]),
-            ),
-            (
-                "Reward",
-                "The sum of these terms. `batch.reward_terms` has a column for each.",
-                table(("term", "value"), [(f"``{term}``", value) for term, value in words["reward"]]),
-            ),
+            ("Observation", f"{self.observation}. {words['observed']}", table(("numbers", "meaning"), observation)),
+            ("Reward", "The sum of these terms, each a column of `batch.reward_terms`:", reward),
+            ("", f"Weights: {defaults_text(weights)}." if weights else "", []),
             ("Start", words["start"], []),
             ("End", words["end"], []),
-            (
-                "Arguments",
-                "Keywords of `DroneVectorEnv` and `gymnasium.make_vec` replace these defaults:",
-                table(("argument", "default"), default),
-            ),
-            ("", f"The fields of `{self.task.__name__}` are keywords, too:", field_table(self.task._fields)),
+            ("Arguments", "Defaults, which keywords replace:", table(("argument", "default"), default)),
+            ("", f"The fields of `{name}` are keywords, too (`help` lists limits).{of_named}", []),
+            ("", "", field_table(others) if others else []),
         ]
+        if self.is_default:
+            parts.insert(0, ("", words["about"], []))
+        else:
+            parts[2:6] = [
+                ("Reward", f"The terms of {main}, with the weights in `task` below.", []),
+                ("Start", words["start"], []),
+                ("End", f"As in {main}.", []),
+            ]
+            parts[-2:] = [("", f"The fields of `{name}` are keywords, too. {main} lists them.", [])]
         text = ""
-        for title, said, rows in parts:
+        for title, line, rows in parts:
             text += f"\n## {title}\n" if title else ""
-            text += f"\n{paragraph(said)}\n" + "".join(f"{row}\n" for row in ["", *rows] if rows)
+            text += f"\n{paragraph(line)}\n" if line else ""
+            text += "".join(f"{row}\n" for row in ["", *rows] if rows)
         return text + "\n"
+
+
+def title(page: str) -> str:
+    """Return the heading of a page."""
+    return (DOCS / "environments" / f"{page}.md").read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
 
 
 def pages() -> dict[Path, str]:
     """Return the text of each page, with its generated parts renewed."""
     found = [Environment(env_id) for env_id in sorted(gymnasium.registry) if env_id.startswith("flockstep/")]
-    rows = ["| id | task | observation | action |", "|---|---|---|---|", *(env.row() for env in found)]
+    rows = ["| id | task | action |", "|---|---|---|", *(env.row() for env in found)]
     listed = "\n".join(["", *rows, "", ""])
     texts = {INDEX: LIST.sub(lambda m: m[1] + listed + m[2], INDEX.read_text(encoding="utf-8"))}
+    main = {env.task: f"[{title(env.page)}]({env.page}.md)" for env in found if env.is_default}
     for env in found:
         path = DOCS / "environments" / f"{env.page}.md"
         old = path.read_text(encoding="utf-8")
         assert [m[2] for m in PAGE.finditer(old)] == [env.id], f"{path}: expected <!-- environment {env.id} --> once"
-        texts[path] = PAGE.sub(lambda m, env=env: m[1] + env.text() + m[3], old)
+        texts[path] = PAGE.sub(lambda m, env=env: m[1] + env.text(main[env.task]) + m[3], old)
     return texts
 
 

@@ -18,6 +18,8 @@ SCHEMA = ROOT / "scenes" / "schema.json"
 DOCUMENT = ROOT / "docs" / "reference" / "scene-format.md"
 BEGIN, END = "<!-- scene keys -->\n", "<!-- /scene keys -->\n"
 WIDTH = 120
+#: Keys whose own keys another page lists.
+ELSEWHERE = {"light": "[configs.md](configs.md#light)"}
 
 ABOUT = (
     "A world: its solids, their materials, and the places that a task reads. Positions are in the world frame "
@@ -168,7 +170,9 @@ def values_text(key: Key) -> str:
         "direction": f"{size} numbers{limits}, not all 0",
         "choice": (f"{size} of " if size else "one of ")
         + ", ".join(f'`"{choice}"`' for choice in key.get("choices", ())),
-        "object": ", ".join(f"`{inner['name']}`" for inner in key.get("keys", ())),
+        "object": f"an object as in {ELSEWHERE[key['name']]}"
+        if key["name"] in ELSEWHERE
+        else ", ".join(f"`{inner['name']}`" for inner in key.get("keys", ())),
         "config": "objects as in [configs.md](configs.md#bodies)",
     }
     text = ("0 or " if key.get("or_zero") else "") + words[kind] + (f", {key['unit']}" if key["unit"] else "")
@@ -197,12 +201,16 @@ def tables_text(keys: Sequence[Key]) -> str:
             if known is None:
                 rows.append((key, default_text(key, inner), known := []))
             known.append(f"`{owner}`")
+            add_inner(key)
+
+    def add_inner(key: Key) -> None:
+        if key["name"] not in ELSEWHERE:
             add(key["name"], key.get("keys", ()))
 
     text = "| key | values | default | what |\n|---|---|---|---|\n"
     for key in keys:
         text += f"| `{key['name']}` | {values_text(key)} | {default_text(key, keys)} | {key['meaning']} |\n"
-        add(key["name"], key.get("keys", ()))
+        add_inner(key)
     text += "\n| key | of | values | default | what |\n|---|---|---|---|---|\n"
     for key, default, owners in rows:
         text += f"| `{key['name']}` | {', '.join(owners)} | {values_text(key)} | {default} | {key['meaning']} |\n"

@@ -64,18 +64,24 @@ def folded(line: str) -> list[str]:
     return [indent + head, *(f"{indent}    {item}," for item in items.split(", ")), indent + tail]
 
 
+def values_text(field: Field) -> str:
+    """Return the values of a field: choices, limits, or its type if the default does not show it."""
+    kind = field["type"].removesuffix(" | None")
+    values: str = field["values"]
+    if kind.startswith("Literal"):
+        values = kind.removeprefix("Literal[").removesuffix("]")
+    elif not values or kind != field["type"]:
+        kind = kind.replace("Sequence", "sequence").replace("[", " of ").replace("]", "")
+        between = {"": "", "[": " in ", "(": " in ", ">": " "}.get(values[:1], ", ")
+        values = kind + between + values
+    return values + (", or None" if field["type"].endswith(" | None") else "")
+
+
 def field_table(fields: list[Field]) -> list[str]:
     """Return a table of the fields of a configuration."""
-    lines = ["| field | type | values | default | description |", "|---|---|---|---|---|"]
+    lines = ["| field | values | default | description |", "|---|---|---|---|"]
     for field in fields:
-        kind = re.sub(r"Literal\[(.*)\]", r"\1", field["type"]).replace(" | None", " or None")
-        cells = [
-            f"`{field['name']}`",
-            kind.replace("Sequence", "sequence").replace("[", " of ").replace("]", ""),
-            field["values"],
-            f"`{field['shown']}`",
-            field["about"].replace("``", "`"),
-        ]
+        cells = (f"`{field['name']}`", values_text(field), f"`{field['shown']}`", field["about"].replace("``", "`"))
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return lines
 
@@ -252,12 +258,13 @@ def changes() -> str:
 
 def array_table(classes: list[type[Any]]) -> list[str]:
     """Return a table of the arrays of some classes."""
-    lines = ["| array | type | shape | unit | frame | written by | content |", "|---|---|---|---|---|---|---|"]
+    lines = ["| array | type | unit, frame | changed by | content |", "|---|---|---|---|---|"]
     for cls in classes:
         owners = {"Contact": "contact.", "Lidar": "lidar().", "Camera": "camera().", "Bodies": "bodies."}
         owner = owners.get(cls.__name__, "")
         for array in cls._arrays:
-            cells = (array[key] for key in ("dtype", "shape", "unit", "frame", "writer", "about"))
+            measured = ", ".join(text for text in (array["unit"], array["frame"]) if text not in ("", "1"))
+            cells = (f"{array['dtype']} {array['shape']}", measured, array["writer"], array["about"])
             lines.append(f"| `{owner}{array['name']}` | " + " | ".join(cells) + " |")
     return lines
 

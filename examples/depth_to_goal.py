@@ -1,6 +1,6 @@
 """A task with a depth camera: fly to the goal without contact.
 
-docs/how-to/tasks/depth-cnn.md trains it, from a checkout:
+docs/how-to/tasks/observe-images.md trains it, from a checkout:
 .venv/bin/python -m training.train_ppo --task examples.depth_to_goal:DepthToGoal --generated 300 --frame-skip 4
 """
 

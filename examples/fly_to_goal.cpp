@@ -1,6 +1,6 @@
 // fly_to_goal.cpp: an external C++ task: fly to the goal marker without touching anything.
 //
-// docs/add-a-task.md explains how to build and fly it, and has the same task in Python.
+// docs/how-to/tasks/task-in-cpp.md explains how to build and fly it.
 #include <stdexcept>
 
 #include "flockstep/task.hpp"

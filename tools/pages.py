@@ -34,7 +34,7 @@ LONG_SENTENCE = 30  # words
 LONG_SHARE = 0.05
 
 _POINTER = re.compile(r"\b(?:that|those) of\b", re.IGNORECASE)
-_GENERATED = r"<!-- (?!test\b|tried\b|/|end of).*?-->\n.*?<!-- (?:end of|/).*?-->"
+_GENERATED = r"<!-- (?!test\b|tried\b|figure\b|/|end of).*?-->\n.*?<!-- (?:end of|/).*?-->"
 _LEFT_OUT = re.compile(
     rf"^ *```.*?^ *```$|{_GENERATED}|<!--.*?-->|^#.*?$|^ *\|.*?$|^ *!\[.*?\]\(.*?\)$", re.MULTILINE | re.DOTALL
 )

@@ -130,11 +130,19 @@ def test_a_document_changes_only_where_its_comments_say_so():
     assert "Not measured yet." in table.document(text, {}, {}) and "-->not yet<!--" in table.document(text, {}, {})
 
 
+def test_a_figure_stands_in_a_sentence():
+    text = "in <!-- figure t/seed{}/f as .1% -->?<!-- /figure --> of them"
+    seeds = result([(f"t/seed{seed}/f", value, "1", {}) for seed, value in enumerate((0.5, 0.25, 1.0))])
+    assert table.document(text, {"t": seeds}, {}).endswith("-->50.0 (25.0 to 100.0) %<!-- /figure --> of them")
+    assert "-->not measured yet<!--" in table.document(text, {}, {})
+
+
 def test_all_marks_of_the_documents_are_complete():
     for path in (table.ROOT / "README.md", *(table.ROOT / "docs").rglob("*.md")):
         text = path.read_text(encoding="utf-8")
         assert text.count("<!-- table") == text.count("<!-- end of table -->") == len(table.TABLE.findall(text)), path
         assert text.count("<!-- tried ") == len(table.TRIED.findall(text)), path
+        assert text.count("<!-- figure ") == len(table.FIGURE.findall(text)), path
         assert "Not measured yet." not in text and "not measured yet" not in text, path
 
 

@@ -145,9 +145,11 @@ def test_stub_and_documents_are_made_from_the_lists_of_the_engine(monkeypatch):
     assert STUB.read_text(encoding="utf-8") == stubs.stub_text()  # which the build writes
     for made in (stubs.TEMPLATE, stubs.ENV_KEYWORDS, stubs.CHANGES, *stubs.DOCUMENTS):
         assert made.read_text(encoding="utf-8") == stubs.renewed(made), f"{made.name}: run bindings/stubs.py"
-    # Each configuration has its table; those of tasks are on the pages of environments.
-    text = (stubs.ROOT / "docs" / "reference" / "configs.md").read_text(encoding="utf-8")
-    named = {config.__name__ for config in {*CONFIGURATIONS} - {*_core.engine_tasks.values()}}
+    # Each configuration has its table. Tasks have theirs on the pages of environments, the learner in its docstring.
+    pages = [stubs.ROOT / "docs" / "reference" / name for name in ("configs.md", "drone-files.md")]
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
+    learner = {_core.NetworkConfig, _core.RolloutConfig, _core.UpdateConfig}
+    named = {config.__name__ for config in {*CONFIGURATIONS} - {*_core.engine_tasks.values()} - learner}
     for name in [*sorted(named), *_core._other_fields]:
         assert f"<!-- fields of {name} -->\n| field |" in text, name
 

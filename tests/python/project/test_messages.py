@@ -4,12 +4,15 @@ Each is the call in a line, and then the error as Python shows it. After a chang
 shows, and write it here.
 """
 
+import itertools
 import re
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
+from conftest import ROOT
 from gymnasium import spaces
 from messages import message
 from simple_tasks import Still
@@ -41,10 +44,21 @@ def restored(**keywords: Any) -> None:
     made(**keywords).restore(envs.snapshot())
 
 
+def used_by_two_threads() -> None:
+    def step(_task: Still, batch: flockstep.Batch) -> Any:
+        return ThreadPoolExecutor(1).submit(batch.sense).result()
+
+    envs = made(task=type("Mine", (Still,), {"step": step}))
+    envs.reset(seed=0)
+    envs.step(envs.action_space.sample())
+
+
+CUBE = list(itertools.product((-0.1, 0.1), repeat=3))
 #: Names that the calls use.
 NAMES = {**vars(flockstep), "gymnasium": gymnasium, "np": np, "spaces": spaces, "connect": flockstep.connect}
 NAMES |= {"sb3": flockstep.sb3, "HOME": HOME, "ROOM": ROOM, "Still": Still}
 NAMES |= {"made": made, "stepped": stepped, "restored": restored}
+NAMES |= {"used_by_two_threads": used_by_two_threads, "CUBE": CUBE}
 
 MESSAGES = """
 made(max_episode_step=3)
@@ -215,6 +229,37 @@ record("flight.avi")
 record("flight.gif", policy="policy.zip")
   TypeError: policy: expected a model with predict, a function or None, got 'policy.zip': load it first, as by
   PPO.load(path); that runs code from the file: load only policies you trust
+stepped([0])
+  ValueError: actions: expected shape (2,), got shape (1,)
+stepped(np.zeros((2, 3), np.float32))
+  ValueError: actions: expected an array of integers, got dtype float32
+[envs := made(action="displacement"), envs.reset(seed=0), envs.step(np.full((2, 3), np.nan))]
+  ValueError: actions (row 0): expected finite numbers, got nan
+made().batch.position.fill(0)
+  ValueError: assignment destination is read-only
+made(control="velocity")
+  ValueError: control: expected "pose" (motion is "kinematic": give motion="rotors"), got velocity
+made(motion="rotors", drone=DroneModel(CUBE))
+  ValueError: drone: expected one with an airframe, to fly by its rotors (such as a bundled one: DroneModel.names()),
+  got only a hull
+DroneModel.from_dict({"flockstep_drone": 1, "like": "x500", "mass_kg": 2064})
+  ValueError: drone: rotors: expected a thrust-to-weight above 1, to hover, got 0.00168879
+made(policy_hz=30, physics_hz=100)
+  ValueError: physics_hz: expected a multiple of policy_hz (30 Hz), at most 1000 times it, got 100 Hz
+made(lidar=LidarConfig(rate_hz=3))
+  ValueError: lidar.rate_hz: expected a rate that divides the clock's 10.000000 ticks per second, got 3
+Batch([HOME], lidar=LidarConfig()).lidar().ranges
+  RuntimeError: the LiDAR has not scanned yet: call sense(), or reset() a task, before its ranges are read
+Batch([HOME], camera=CameraConfig(capture_mode="on_demand")).camera().save_frames("frames")
+  ValueError: camera "front": no drone has a frame; call sense or capture first
+Batch([HOME], 2).set_pose(quat_wxyz=np.ones((2, 4)))
+  ValueError: quat_wxyz (row 0): expected a unit quaternion (w, x, y, z), got one of norm 2.000000
+Batch([HOME], dynamics=DynamicsConfig(motion="rotors", control="attitude")).fly(np.array([[5, 45, 0, 0]]))
+  ValueError: command (row 0): expected a roll within +-pi rad (not degrees), got 45
+made(worlds=ROOM.with_markers(start=(0, 0, 0), goal=(5, 5, 5)))
+  ValueError: world "unnamed": markers.start: expected room for the drone, got (0, 0, 0), where it touches an obstacle
+used_by_two_threads()
+  RuntimeError: this Batch is in use by another thread: one call at a time
 """
 ROWS = re.findall(r"^(\S.*)\n((?:  .*\n)+)", MESSAGES, re.MULTILINE)
 
@@ -231,6 +276,15 @@ def test_a_message_has_these_words(call: str, said: str) -> None:
 
 def test_every_message_is_read() -> None:
     assert len(ROWS) == len(re.findall(r"^\S", MESSAGES, re.MULTILINE)) > 60
+
+
+def test_the_page_of_errors_has_messages_that_are_raised() -> None:
+    text = (ROOT / "docs" / "reference" / "errors.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `(.+?)` \|", text.partition("| message |")[2], re.MULTILINE)
+    assert len(listed) > 15
+    for shown in listed:
+        pattern = re.escape(shown).replace("…", ".*")
+        assert any(re.search(pattern, " ".join(said.split())) for _, said in ROWS), shown
 
 
 SAID = "lidar.channels: expected an integer in [1, 4], got 10"

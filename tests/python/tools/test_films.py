@@ -335,7 +335,7 @@ def test_the_error_is_the_one_that_is_reported(by_controller):
 
 
 def test_the_controller_is_the_one_that_is_reported():
-    """docs/how-to/tasks/flight-tasks.md reports 24.9 cm for 1,000 flights; the second best controller reaches 28 cm."""
+    """bench/results/flight_train.json has 24.9 cm for 1,000 flights; the second best controller reaches 28 cm."""
     verdict = judge(TRAININGS["track"], track_film.controller(), 100, UNSEEN_SEEDS.start)
     assert verdict.more["median_error_m"] == pytest.approx(0.249, abs=0.01)
 
