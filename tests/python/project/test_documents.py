@@ -5,7 +5,7 @@ before the block lists the test's replacements: ``<!-- test: 256 -> 8; 1_000_000
 by printing `success_rates` or the ends of `evaluate`, and must have learned. With ``continues`` among the replacements
 a block runs after the one of Python before it. A block after ``<!-- test: output -->`` has what that block prints. A
 block after ``<!-- test: server -->`` is a client of the server that the first command of its page starts. `tests/ray`
-runs a block after ``<!-- test: ray -->``.
+runs a block after ``<!-- test: ray -->``. ``{policies}`` in a replacement is the checkout's folder.
 """
 
 import ast
@@ -137,7 +137,7 @@ def tried(block: Block) -> str:
             continue
         old, new = change.split(" -> ")
         assert text.count(old) == 1, f"the comment before the block replaces {old!r}, which is not there once"
-        text = text.replace(old, new)
+        text = text.replace(old, new.replace("{policies}", str(ROOT / "policies")))
     return text
 
 
@@ -163,18 +163,15 @@ def test_the_docstring_of_tasks_lists_what_a_class_may_declare():
 
 
 def test_the_policies_that_a_page_names_are_those_of_the_folder_and_load_as_it_says():
-    (text,) = re.findall(
-        r"^A checkout has trained policies.*?\n\n",
-        page("how-to/worlds/pictures-and-videos.md"),
-        re.MULTILINE | re.DOTALL,
-    )
-    ours, theirs = (re.findall(r"`(\w+\.zip)`", part) for part in text.split("flockstep.PPO.load"))
-    assert sorted(ours + theirs) == sorted(path.name for path in (ROOT / "policies").iterdir())
-    for name in ours:
-        assert flockstep.PPO.load(ROOT / "policies" / name).num_timesteps > 0
-    for name in theirs:
-        with refused(ValueError, "model"):
-            flockstep.PPO.load(ROOT / "policies" / name)
+    rows = re.findall(r"^\| `(\w+\.zip)` \|.*\| (.+?) \|$", page("how-to/train/policies.md"), re.MULTILINE)
+    assert sorted(name for name, _ in rows) == sorted(path.name for path in (ROOT / "policies").iterdir())
+    for name, learner in rows:
+        if learner == "`flockstep.PPO`":
+            assert flockstep.PPO.load(ROOT / "policies" / name).num_timesteps > 0
+        else:
+            assert learner == "Stable-Baselines3"
+            with refused(ValueError, "model"):
+                flockstep.PPO.load(ROOT / "policies" / name)
 
 
 def page(name: str) -> str:
