@@ -67,14 +67,14 @@ class Preset(Mapping[str, Any]):
 
 
 class Presets(Mapping[str, Preset]):
-    """The presets by name: the rows that ``python -m flockstep train`` trains.
+    """The presets by name: settings with which a policy of each bundled task is known to learn.
 
-    The learning rate falls to 0. The entropy bonus is the mean of the one with which the command trains, which falls.
+    They are the rows that ``python -m flockstep train`` trains. The learning rate falls to 0. The command also lets the
+    entropy bonus fall; a preset holds its mean.
 
-    >>> preset = flockstep.presets["lidar"]
-    >>> envs = preset.make_envs()
-    >>> model = flockstep.PPO("MlpPolicy", envs, **preset)
-    >>> model.learn(preset.steps, progress_bar=True)
+    >>> lidar = flockstep.presets["lidar"]
+    >>> model = flockstep.PPO("MlpPolicy", lidar.make_envs(), **lidar)
+    >>> model.learn(lidar.steps, progress_bar=True)
     """
 
     def __getitem__(self, name: str) -> Preset:
@@ -104,3 +104,9 @@ class Presets(Mapping[str, Preset]):
 
 
 presets = Presets()
+"""Settings with which a policy of each bundled task is known to learn, by name, as keywords of `PPO`.
+
+>>> lidar = flockstep.presets["lidar"]
+>>> model = flockstep.PPO("MlpPolicy", lidar.make_envs(), **lidar)
+>>> model.learn(lidar.steps, progress_bar=True)
+"""
