@@ -41,7 +41,7 @@ def space_text(space: spaces.Space[Any]) -> str:
     low, high = bound_text(space.low), bound_text(space.high)
     limits = f" in [{low}, {high}]"
     if "mixed" in (low, high):
-        limits = ", bounds differ by element"
+        limits = ""  # they differ by element
     elif (low, high) == ("-inf", "inf"):
         limits = ", unbounded"
     return f"{space.shape} {space.dtype}{limits}"
@@ -114,12 +114,12 @@ class Environment:
         self.config: Any = recipe.task
         self.is_default = recipe.task == self.task()
         self.defaults = {
-            "`task`": f"`{configured(recipe.task)}`",
+            "`task`": "" if self.is_default else f"`{configured(recipe.task)}`",
             "`worlds`": ", ".join(f"`{name}`" for name in recipe.worlds),
             "`drone`": f"`{made.batch.drone.name}`",
             "`motion`, `control`": f"`{recipe.dynamics.motion}`, `{recipe.dynamics.control}`",
             "drones of an env": str(made.batch.drones_per_env) if made.batch.drones_per_env > 1 else "",
-            "`policy_hz`": f"{recipe.clock.policy_hz:g} steps per second",
+            "`policy_hz`": f"{recipe.clock.policy_hz:g}",
             "`max_episode_steps`": f"{gymnasium.spec(env_id).max_episode_steps}",
             "`lidar`": ", ".join(lidar_text(config) for config in made.lidars),
             "`camera`": ", ".join(f"{c.width_px} x {c.height_px} pixels, {c.hfov_deg or 90:g}°" for c in made.cameras),

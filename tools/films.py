@@ -171,6 +171,7 @@ FILMS = {
 #: Still pictures: their name, and a function that writes them into a folder.
 STILLS: dict[str, Callable[[Path], object]] = {
     "camera-sheet": lambda folder: stills.draw_sheet(folder / "camera-sheet.png"),
+    "camera-task": lambda folder: stills.draw_task(folder / "camera-task.jpg"),
     "fan-slice": lambda folder: slice_picture.draw(folder / "fan-slice.webp", slice_picture.Slice.scan()),
     "worlds": stills.draw_worlds,
 }

@@ -1,6 +1,7 @@
 """Still pictures of the documents: what cameras see by every output, and drones on their way in worlds.
 
 .venv/bin/python -m tools.films camera-sheet
+.venv/bin/python -m tools.films camera-task
 .venv/bin/python -m tools.films worlds
 """
 
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import imageio.v3 as imageio
 import matplotlib.pyplot as plt
 import numpy as np
@@ -49,6 +51,21 @@ def shown(output: str, frame: npt.NDArray[Any]) -> Image:
     image: Image = (255 * color[..., :3]).round().astype(np.uint8)
     image[~np.isfinite(frame) if output == "depth" else frame == 0] = 0
     return image
+
+
+def draw_task(path: Path, steps: int = 25) -> None:
+    """Write a picture of the camera task: the drone from behind, and beside it the image that the task observes."""
+    view: dict[str, Any] = {"render_mode": "rgb_array", "render_view": "third_person", "render_size": (640, 480)}
+    envs = gymnasium.make_vec("flockstep/CameraNavigation-v0", num_envs=1, worlds=WORLD, **view).unwrapped
+    assert isinstance(envs, flockstep.DroneVectorEnv)
+    envs.reset(seed=0)
+    for _ in range(steps):
+        envs.step(np.zeros(1, np.int64))  # forward
+    ((behind,),) = (envs.render(),)
+    observed = envs.batch.camera().rgb[0]
+    scale = behind.shape[0] // observed.shape[0]
+    imageio.imwrite(path, np.concatenate([behind, observed.repeat(scale, axis=0).repeat(scale, axis=1)], axis=1))
+    envs.close()
 
 
 def draw_sheet(path: Path) -> None:

@@ -145,6 +145,7 @@ def test_all_marks_of_the_documents_are_complete():
         assert text.count("<!-- table") == text.count("<!-- end of table -->") == len(table.TABLE.findall(text)), path
         assert text.count("<!-- tried ") == len(table.TRIED.findall(text)), path
         assert text.count("<!-- figure ") == len(table.FIGURE.findall(text)), path
+        assert "\n<!-- figure " not in text, f"{path}: a line that begins with a comment ends the paragraph"
         assert "Not measured yet." not in text and "not measured yet" not in text, path
 
 
