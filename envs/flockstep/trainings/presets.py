@@ -69,8 +69,8 @@ class Preset(Mapping[str, Any]):
 class Presets(Mapping[str, Preset]):
     """The presets by name: settings with which a policy of each bundled task is known to learn.
 
-    They are the rows that ``python -m flockstep train`` trains. The learning rate falls to 0. The command also lets the
-    entropy bonus fall; a preset holds its mean.
+    They are the rows that ``python -m flockstep train`` trains, with ``--learner sb3`` by Stable-Baselines3, too. The
+    learning rate falls to 0. The command also lets the entropy bonus fall, of which a preset holds the mean.
 
     >>> lidar = flockstep.presets["lidar"]
     >>> model = flockstep.PPO("MlpPolicy", lidar.make_envs(), **lidar)
