@@ -24,7 +24,8 @@ order. Above the tables stand the processors and commits of the results; after `
 own.
 
 `<!-- tried NAME -->` is followed by the number of trials of `./dev try NAME`, until `<!-- /tried -->`, and
-`<!-- figure PATTERN as FORM -->` by the figures of that pattern as in a cell, until `<!-- /figure -->`.
+`<!-- figure PATTERN as FORM -->` by the figures of that pattern as in a cell, until `<!-- /figure -->`. A form that
+begins with "median" leaves out least and greatest.
 
 Each result comes from one commit and one processor. Those of a checkout with local changes are rejected, and so are
 those of commits that are not in the history, which nobody could measure again; a shallow clone and a folder without git
@@ -249,7 +250,10 @@ def document(text: str, results: Results, trials: Results) -> str:
         figures = [each for _, each, _ in found(match[2], results)]
         if not figures:
             return f"{match[1]}not measured yet{match[4]}"
-        return f"{match[1]}{shown([each['value'] for each in figures], figures[0]['unit'], match[3])}{match[4]}"
+        values, (first, _, rest) = [each["value"] for each in figures], match[3].partition(" ")
+        if first == "median":
+            return f"{match[1]}{shown([statistics.median(values)], figures[0]['unit'], rest)}{match[4]}"
+        return f"{match[1]}{shown(values, figures[0]['unit'], match[3])}{match[4]}"
 
     text = FIGURE.sub(figure, text)
     written = TABLE.sub(lambda m: f"{m[1]}{tables(m[3], bool(m[2]), results)}{m[4]}", text)

@@ -79,8 +79,8 @@ prove() { # SUITE
   make_system "$1"
   home=$root/home/pilot
   cp "$wheel" constraints.txt packaging/first_flights.py "$home"
-  # The first block of Python in the README.
-  awk '/^```python$/ && !done { inside = 1; next } /^```$/ && inside { exit } inside' README.md >"$home/first.py"
+  # The README's block that trains.
+  awk '/^```python$/ { inside = 1; block = ""; next } /^```$/ && inside { inside = 0; if (block ~ /\.learn\(/) { printf "%s", block; exit } } inside { block = block $0 "\n" }' README.md >"$home/first.py"
   chown -R --reference="$home" "$home"/*
 
   # The three commands.

@@ -1,4 +1,7 @@
-"""Writes the README's comparison with other simulators from docs/peers.yaml: ``-m tools.peers_table [--check]``."""
+"""Writes the comparison with other simulators from docs/peers.yaml: ``-m tools.peers_table [--check]``.
+
+docs/results/comparison.md has all rows, README.md those that `first` lists.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +13,17 @@ from typing import Any
 from ruamel.yaml import YAML
 
 ROOT = Path(__file__).resolve().parents[1]
-PEERS, README = ROOT / "docs" / "peers.yaml", ROOT / "README.md"
+PEERS = ROOT / "docs" / "peers.yaml"
 SOURCE = r"https://[^\s/]+\.[^\s]+|[\w-]+ \d+(\.\d+)+"  # a page, or a package's version
 
 
-def table(content: Any) -> str:
-    """Return the table; exit if a cell or the documentation of a peer has no source."""
+def table(content: Any, features: list[str]) -> str:
+    """Return the table of these features; exit if a cell or the documentation of a peer has no source."""
     peers, columns = content["peers"], ["flockstep", *content["peers"]]
     sources = {peer: [peers[peer]["documentation"]] for peer in peers}
     lines = [f"| | {' | '.join(columns)} |", f"|{'---|' * (len(columns) + 1)}"]
-    for feature, row in content["rows"].items():
+    for feature in features:
+        row = content["rows"][feature]
         if unknown := set(row) - set(columns):
             sys.exit(f"{PEERS.name}: {feature}: expected one of {', '.join(columns)}, got {unknown}")
         sources |= {f"{feature}, {peer}": cell[1:] for peer, cell in row.items() if peer in peers}
@@ -34,14 +38,17 @@ def table(content: Any) -> str:
 
 
 def main() -> None:
-    """Write the table, or compare it."""
-    readme = README.read_text(encoding="utf-8")
-    before, _, rest = readme.partition("<!-- peers -->\n")
-    written = f"{before}<!-- peers -->\n{table(YAML(typ='safe').load(PEERS))}\n{rest[rest.index('<!-- /peers -->') :]}"
-    if "--check" not in sys.argv:
-        README.write_text(written, encoding="utf-8")
-    elif written != readme:
-        sys.exit(f"README.md: the comparison differs from {PEERS}: run python -m tools.peers_table")
+    """Write the tables, or compare them."""
+    content = YAML(typ="safe").load(PEERS)
+    for name, features in {"docs/results/comparison.md": [*content["rows"]], "README.md": content["first"]}.items():
+        page = ROOT / name
+        old = page.read_text(encoding="utf-8")
+        before, _, rest = old.partition("<!-- peers -->\n")
+        new = f"{before}<!-- peers -->\n{table(content, features)}\n{rest[rest.index('<!-- /peers -->') :]}"
+        if "--check" not in sys.argv:
+            page.write_text(new, encoding="utf-8")
+        elif new != old:
+            sys.exit(f"{name}: the comparison differs from {PEERS}: run python -m tools.peers_table")
 
 
 if __name__ == "__main__":

@@ -47,7 +47,7 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 
 @dataclass
 class Args:
-    """Options for training a policy. The README's figures use each task's defaults."""
+    """Options for training a policy."""
 
     task: str = "lidar"
     """Task to train: lidar, camera or pixels; an id that flockstep registered with Gymnasium, or module:id if your own

@@ -73,7 +73,9 @@ def copy_package(app: Sphinx) -> None:
     package = COPY / "__init__.py"
     text = package.read_text(encoding="utf-8")
     assignment = "register_task = registration.register_task"
-    package.write_text(text.replace(assignment, "from flockstep.registration import register_task"), encoding="utf-8")
+    public = "from flockstep.registration import register_task\nfrom flockstep.trainings.presets import Preset, presets"
+    text = text.replace(assignment, public).replace('    "plan",', '    "Preset",\n    "plan",')
+    package.write_text(text, encoding="utf-8")
 
 
 def in_both_forms(text: str, fields: dict[str, str]) -> str:

@@ -6,8 +6,8 @@
 `World`, `Batch`, `LidarConfig` and similar classes are the native simulator. `DroneVectorEnv` wraps it as a Gymnasium
 environment, and `Task` is the base class for your own tasks. `flockstep.sb3` connects to Stable-Baselines3,
 `flockstep.rllib` to Ray RLlib, ``parallel_env`` to PettingZoo, and `flockstep.testing` checks any Gymnasium vector
-environment. `PPO` trains a policy, `evaluate` and `success_rates` test it, `record` films a flight. `render` takes a
-picture of a world. `connect` connects to a server.
+environment. `PPO` trains a policy, with the settings of `presets` if you like, `evaluate` and `success_rates` test it,
+`record` films a flight. `render` takes a picture of a world. `connect` connects to a server.
 """
 
 # ruff: noqa: E402 # the check for required packages comes before the imports that need them
@@ -135,6 +135,7 @@ __all__ = [
     "include_dir",
     "parallel_env",
     "plan",
+    "presets",
     "record",
     "register_task",
     "relight",
@@ -155,10 +156,12 @@ if _TYPE_CHECKING:
     from flockstep import client, rllib, sb3, testing
     from flockstep.client import connect, connect_async
     from flockstep.multi_agent import parallel_env
+    from flockstep.trainings.presets import presets
 else:
 
     def __getattr__(name: str) -> object:
-        # Imported on first use: client, parallel_env, rllib and sb3 need optional packages; only tests need testing.
+        # Imported on first use: client, parallel_env, rllib and sb3 need optional packages; only tests need testing,
+        # and only trainings need presets.
         import importlib
 
         if name in ("client", "rllib", "sb3", "testing"):
@@ -167,6 +170,8 @@ else:
             return getattr(importlib.import_module("flockstep.client"), name)
         if name == "parallel_env":
             return importlib.import_module("flockstep.multi_agent").parallel_env
+        if name == "presets":
+            return importlib.import_module("flockstep.trainings.presets").presets
         from flockstep.errors import did_you_mean
 
         raise AttributeError(f"module 'flockstep' has no attribute {name!r}{did_you_mean(name, __all__)}")

@@ -1,6 +1,6 @@
 """Shared code of the trainers in this folder: the task, the network's features, and the stopping rule.
 
-The settings are those of the README's first training. The policy flies the seven playgrounds before every update; the
+All trainers use the same settings. The policy flies the seven playgrounds before every update; the
 run ends when it reaches the goal in six of them.
 """
 

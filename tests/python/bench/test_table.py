@@ -135,6 +135,8 @@ def test_a_figure_stands_in_a_sentence():
     seeds = result([(f"t/seed{seed}/f", value, "1", {}) for seed, value in enumerate((0.5, 0.25, 1.0))])
     assert table.document(text, {"t": seeds}, {}).endswith("-->50.0 (25.0 to 100.0) %<!-- /figure --> of them")
     assert "-->not measured yet<!--" in table.document(text, {}, {})
+    median = table.document(text.replace("as .1%", "as median .0%"), {"t": seeds}, {})
+    assert median.endswith("-->50 %<!-- /figure --> of them")
 
 
 def test_all_marks_of_the_documents_are_complete():

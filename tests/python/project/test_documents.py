@@ -3,8 +3,9 @@
 Each ```python block of README.md and docs/ runs separately in an empty folder. If that would take long, a comment right
 before the block lists the test's replacements: ``<!-- test: 256 -> 8; 1_000_000 -> 512 -->``. A block that trains ends
 by printing `success_rates` or the ends of `evaluate`, and must have learned. With ``continues`` among the replacements
-a block runs after the one before it. A block after ``<!-- test: server -->`` is a client of the server that the first
-command of its page starts. `tests/ray` runs a block after ``<!-- test: ray -->``.
+a block runs after the one of Python before it. A block after ``<!-- test: output -->`` has what that block prints. A
+block after ``<!-- test: server -->`` is a client of the server that the first command of its page starts. `tests/ray`
+runs a block after ``<!-- test: ray -->``. ``{policies}`` in a replacement is the checkout's folder.
 """
 
 import ast
@@ -114,16 +115,16 @@ def check_two_pillars(folder: Path, printed: str) -> None:
 def check_the_simulator_alone(folder: Path, printed: str) -> None:
     """Check that some drones touch something, the frames differ, and no picture is empty."""
     assert 0 < int(re.search(r"(\d+) drones", printed)[1]) < 64
-    for kind in ("rgb", "depth-color", "semantic-color"):
+    for kind, fewest in (("rgb", 6), ("depth-color", 6), ("semantic-color", 2)):  # classes: the room and the pillars
         first, second = (image(path) for path in sorted((folder / "frames").glob(f"*-{kind}.png")))
-        assert (first != second).any(axis=-1).mean() > 0.5
+        assert (first != second).any(axis=-1).mean() > 0.1
         for frame in (first, second):
             assert frame.std() > 30
-            assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 5
+            assert len(np.unique(frame.reshape(-1, 3), axis=0)) >= fewest
 
 
 #: Checks of a block's results, by a part of its text.
-CHECKS = {"two pillars": check_two_pillars, "save_frames(": check_the_simulator_alone}
+CHECKS = {"world.png": check_two_pillars, "save_frames(": check_the_simulator_alone}
 
 
 def tried(block: Block) -> str:
@@ -131,21 +132,23 @@ def tried(block: Block) -> str:
     text = block.text
     for change in block.replaced.split("; ") if block.replaced else []:
         if change == "continues":
-            text = tried(BLOCKS[BLOCKS.index(block) - 1]) + text
+            before = [other for other in BLOCKS[: BLOCKS.index(block)] if other.kind == "python"]
+            text = tried(before[-1]) + text
             continue
         old, new = change.split(" -> ")
         assert text.count(old) == 1, f"the comment before the block replaces {old!r}, which is not there once"
-        text = text.replace(old, new)
+        text = text.replace(old, new.replace("{policies}", str(ROOT / "policies")))
     return text
 
 
-ELSEWHERE = ("server", "ray", "README.md")
+ELSEWHERE = ("server", "ray")
 """Blocks that another test runs."""
 
 
-def test_the_first_policy_is_that_of_the_readme():
-    (copy,) = (block for block in of_kind("python") if block.replaced == "README.md")
-    assert copy.text == next(block.text for block in of_kind("python") if block.place.startswith("README.md"))
+def shown_output(block: Block) -> str:
+    """Return what a page says that a block prints, or an empty text."""
+    after = BLOCKS[BLOCKS.index(block) + 1 :][:1]
+    return after[0].text if after and after[0].replaced == "output" else ""
 
 
 def test_pages_read_well_without_the_site():
@@ -160,18 +163,15 @@ def test_the_docstring_of_tasks_lists_what_a_class_may_declare():
 
 
 def test_the_policies_that_a_page_names_are_those_of_the_folder_and_load_as_it_says():
-    (text,) = re.findall(
-        r"^A checkout has trained policies.*?\n\n",
-        page("how-to/worlds/pictures-and-videos.md"),
-        re.MULTILINE | re.DOTALL,
-    )
-    ours, theirs = (re.findall(r"`(\w+\.zip)`", part) for part in text.split("flockstep.PPO.load"))
-    assert sorted(ours + theirs) == sorted(path.name for path in (ROOT / "policies").iterdir())
-    for name in ours:
-        assert flockstep.PPO.load(ROOT / "policies" / name).num_timesteps > 0
-    for name in theirs:
-        with refused(ValueError, "model"):
-            flockstep.PPO.load(ROOT / "policies" / name)
+    rows = re.findall(r"^\| `(\w+\.zip)` \|.*\| (.+?) \|$", page("how-to/train/policies.md"), re.MULTILINE)
+    assert sorted(name for name, _ in rows) == sorted(path.name for path in (ROOT / "policies").iterdir())
+    for name, learner in rows:
+        if learner == "`flockstep.PPO`":
+            assert flockstep.PPO.load(ROOT / "policies" / name).num_timesteps > 0
+        else:
+            assert learner == "Stable-Baselines3"
+            with refused(ValueError, "model"):
+                flockstep.PPO.load(ROOT / "policies" / name)
 
 
 def page(name: str) -> str:
@@ -185,13 +185,14 @@ def test_python_runs_in_an_empty_folder(block, tmp_path):
     text = tried(block)
     (tmp_path / "snippet.py").write_text(text, encoding="utf-8")
     printed = run([sys.executable, "snippet.py"], tmp_path)
+    assert printed.endswith(shown_output(block))
     for part, check in CHECKS.items():
-        if part in text and block.place.startswith("first-task.md"):
+        if part in text and block.place.startswith("first-world.md"):
             check(tmp_path, printed)
     says_how_well = any(
         call in text for call in ("success_rates(", "evaluate(", "until_success=")
     )  # the last: in a film
-    assert ("learn(" in text) == says_how_well, "what trains says how well"
+    assert says_how_well or "learn(" not in text, "what trains says how well"
     if "learn(" in text and "stable_baselines3" in text:
         assert "torch.set_num_threads(1)" in text, "two threads that wait for each other are slow if busy"
     if "learn(" in text and "until_success=" not in text:
@@ -234,9 +235,9 @@ def started(command: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
         assert process.wait(TIME_LIMIT_S) == 0, process.stdout.read()
 
 
-def test_the_readme_installs_the_wheel_of_the_running_python(tmp_path):
-    """The README's lines run with this Python and a pip that only prints the packages to install."""
-    (block,) = [block for block in of_kind("sh", "out/wheel") if block.place.startswith("README.md")]
+def test_the_page_installs_the_wheel_of_the_running_python(tmp_path):
+    """The lines run with this Python and a pip that only prints the packages to install."""
+    (block,) = [block for block in of_kind("sh", "out/wheel") if block.place.startswith("install.md")]
     make_environment, *lines = block.text.splitlines()
     assert make_environment == "python3 -m venv flying"
     (tmp_path / "out" / "wheel").mkdir(parents=True)

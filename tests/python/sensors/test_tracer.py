@@ -57,7 +57,7 @@ def world(request):
 
 @pytest.mark.parametrize("name", ["LidarNavigation", "CameraNavigation", "CameraPixels", "Formation", "Dodge"])
 def test_hardly_a_ray_of_the_bundled_tasks_goes_through_embree(name):
-    """The counts that README.md and docs/concepts/why-fast.md state; only Dodge has moving meshes."""
+    """The counts that docs/concepts/why-fast.md states; only Dodge has moving meshes."""
     envs = gymnasium.make_vec(f"flockstep/{name}-v0", num_envs=4 if name.startswith("Camera") else 64).unwrapped
     envs.reset(seed=0)
     before, steps = envs.batch.embree_rays, 40

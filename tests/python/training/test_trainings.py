@@ -110,6 +110,29 @@ def test_every_row_names_known_keywords_and_figures(name):
     assert training.baselines
 
 
+@pytest.mark.parametrize("name", ["hover", "lidar"])
+def test_a_preset_trains_as_its_row(name, monkeypatch):
+    training = shortened(name, monkeypatch)
+    preset = flockstep.presets[name]
+    envs = preset.make_envs(num_threads=1)
+    assert envs.num_envs == preset.num_envs == training.num_envs
+    model = flockstep.PPO("MlpPolicy", envs, **preset).learn(preset.steps)
+    assert model.num_timesteps == training.steps
+    assert [model.learning_rate(left) for left in (1.0, 0.0)] == [training.settings["learning_rate"], 0.0]
+    assert model.ent_coef == {"hover": 0.0, "lidar": 0.012}[name]
+    assert {*preset} - {"ent_coef"} == {*training.settings}
+
+
+def test_presets_are_the_rows_of_the_table():
+    assert [*flockstep.presets] == [*TRAININGS]
+    assert "hover" in flockstep.presets
+    for name, preset in flockstep.presets.items():
+        assert {**preset}.items() >= {**TRAININGS[name].settings, "learning_rate": preset["learning_rate"]}.items()
+        assert TRAININGS[name].env in repr(preset)
+    with refused(ValueError, "presets", *TRAININGS, "lidr"):
+        flockstep.presets["lidr"]
+
+
 def test_training_begins_with_seeds_of_its_own(monkeypatch):
     seeds = []
     reset = flockstep.DroneVectorEnv.reset
