@@ -227,8 +227,7 @@ TEST(GltfWriter, BadExtrasAreRefused) {
   };
   const std::string at_1 = "x.glb: /nodes/1/extras/flockstep", at_4 = "x.glb: /nodes/4/extras/flockstep";
   EXPECT_TRUE(names(of_node(1, 3), at_1 + ": ... 3"));
-  EXPECT_TRUE(names(of_node(1, {{"primitive", "cube"}}),
-                    at_1 + R"(/primitive: ... "room" ... "box" ... "cylinder" ... "sphere" ... "cube")"));
+  EXPECT_TRUE(names(of_node(1, {{"primitive", "cube"}}), at_1 + R"(/primitive: ... room, box, cylinder, sphere, ... cube)"));
   EXPECT_TRUE(names(of_node(1, {{"primitive", "box"}, {"radius", 1}}), at_1 + "/radius: unknown field"));
   EXPECT_TRUE(names(of_node(1, {{"shape", "box"}}), at_1 + "/shape: unknown field"));
   EXPECT_TRUE(names(of_node(1, Json::object()), at_1 + R"(: ... "object")"));

@@ -149,7 +149,8 @@ TEST(Textures, ALevelOfEvenSizeHasTheBitsOfASumInOrder) {
   const std::array<float, 256>& linear = srgb_to_linear();
   for (int row = 0; row < 16; ++row) {
     for (int column = 0; column < 32; ++column) {
-      const std::uint32_t texel = textures.texels[static_cast<std::size_t>(textures.offset[1] + row * 32 + column)];
+      const std::uint32_t texel =
+          textures.texels[static_cast<std::size_t>(textures.offset[1] + row * textures.stride[1] + column)];
       for (std::size_t c = 0; c < 3; ++c) {
         float mean = 0.0F;
         for (const int at : {0, 1, 64, 65}) {
