@@ -253,7 +253,7 @@ BENCHES = {
     "camera_train": Bench("the task that observes a green blob, by train_ppo, five seeds", "trained:camera", True),
     "pixels_train": Bench("the task that observes the image, by train_ppo, five seeds", "trained:pixels", True),
     "lidar_by_rotors": Bench("a policy of the LiDAR task, flown with and without rotors", "trained:by_rotors"),
-    "board": Bench("the trainings of docs/results/board.md, five seeds each, also by Stable-Baselines3", bench_board, True),
+    "board": Bench("trainings of docs/results/board.md, five seeds each, also by Stable-Baselines3", bench_board, True),
     "trainers": Bench("the programs of examples/trainers/: speed, and steps until they solve", "engines:train"),
     "learner": Bench("an update of flockstep.PPO beside Stable-Baselines3's; needs an idle machine", "learner"),
     "scaling": Bench("steps, images and trainings by number of threads, up to the processors", "scaling", True),

@@ -94,8 +94,7 @@ void ContactResolver::resolve(std::span<GroupMember* const> drones, const collis
     GroupMember& each = drone(a);
     each.pose = segments_[a].to;
     each.velocity = segments_[a].last;
-    if (each.contact.body >= 0)
-      each.contact.velocity /= static_cast<float>(each.motion.duration_s);  // drones' are in m/s already
+    if (each.contact.body >= 0) each.contact.velocity /= static_cast<float>(each.motion.duration_s);  // drones' are in m/s
     reach(a, each.pose);
   }
 }
