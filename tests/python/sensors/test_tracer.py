@@ -80,10 +80,13 @@ def test_rays_through_embree_are_counted():
         batch.sense()
         # Packets of 8 rays; a drone's last packet is filled with rays of the next drone.
         assert (batch.embree_rays, batch.embree_packets) == (350 * scans, 44 * scans)
-    pictures = flockstep.Batch([world], cameras=[CameraConfig(width_px=64, height_px=64, shadows=True)], num_threads=1)
-    pictures.set_pose([[0, 0, 1]])
+    camera = CameraConfig(width_px=64, height_px=64, shadows=True, outputs=("rgb", "depth"))
+    pictures = placed([world], [[0, 0, 1]], cameras=[camera], num_threads=1)
     pictures.sense()
-    assert pictures.embree_rays == 64 * 64  # towards the sun; the primary rays use tiles
+    sees_something = np.isfinite(pictures.camera().depth[0]).reshape(4, 16, 4, 16).any(axis=(1, 3))
+    assert sees_something.sum() == 10  # the others see the sky
+    # Towards the sun, from all pixels of the tiles that see something; the primary rays use tiles.
+    assert pictures.embree_rays == sees_something.sum() * 16 * 16
 
 
 def embree_rays_in_a_pool(tracer, lidar):

@@ -17,11 +17,8 @@ ASIDE = np.float32([[1, 0, 0]])
 
 def clearing(**parts):
     """A flat field with a start, a goal 20 m ahead, and these parts."""
-    return world_of(
-        boxes=[{"center": [15, 0, -0.5], "size": [40, 20, 1]}, *parts.pop("boxes", [])],
-        markers={"start": [2, 0, 1.5], "goal": [22, 0, 1.5]},
-        **parts,
-    )
+    parts["boxes"] = [{"center": [15, 0, -0.5], "size": [40, 20, 1]}, *parts.get("boxes", [])]
+    return world_of(**{"markers": {"start": [2, 0, 1.5], "goal": [22, 0, 1.5]}} | parts)
 
 
 TRUNK = {"center": [12, 0, 2], "size": [0.4, 0.4, 6]}
