@@ -33,7 +33,7 @@ from flockstep.evaluation import first_episodes
 from flockstep.trainings import UNSEEN_SEEDS
 from training.tasks import Setup, load_policy, setup_of
 
-#: Maximum number of flown steps in a successful flight of a built-in task.
+#: Maximum number of control steps in a successful flight of a built-in task.
 MAX_STEPS = 1000
 
 #: Possible ends of a flight: the names of `flockstep.EpisodeEnd`.

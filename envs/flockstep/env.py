@@ -23,7 +23,7 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
     With several worlds the drone stays in the first one, unless ``random_world=True``, which draws one for each
     episode.
 
-    ``gymnasium.make(..., max_episode_steps=n)`` sets the engine's time limit in flown steps. Gymnasium also adds its
+    ``gymnasium.make(..., max_episode_steps=n)`` sets the engine's time limit in control steps. Gymnasium also adds its
     `TimeLimit` wrapper, which counts calls of `step` and never ends an episode before the engine does. -1 means no
     limit.
 

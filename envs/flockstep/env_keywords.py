@@ -56,7 +56,7 @@ class EnvKeywords(TypedDict, total=False):
     pose_sensor
         The pose sensor of each drone.
     imu
-        The IMUs of each drone, with different names; they need motion by rotors.
+        The IMUs of each drone, with different names; they need simulated rotors.
     bodies
         Bodies that are in every env when an episode begins, after those of its world.
     max_bodies

@@ -35,7 +35,7 @@ class Evaluation:
     episode_return: float
     """Sum of the rewards, unscaled."""
     episode_length: float
-    """Number of flown steps."""
+    """Number of control steps."""
     episode_terms: dict[str, float]
     """Sum of each reward term, by name."""
     infos: dict[str, float]

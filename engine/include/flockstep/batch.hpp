@@ -225,7 +225,7 @@ class FLOCKSTEP_API Batch {
   // (R,) 1 for rows that take no part in the next step: it only begins their next episode, or their drones rest.
   FlagArray waiting() const;
   void visit_task(ArrayVisitor& visitor) const;  // visits the arrays of the task, for reading
-  // Positions of the drones before the last flown step and after each of its ticks, (N, ticks + 1, 3) m; see
+  // Positions of the drones before the last control step and after each of its ticks, (N, ticks + 1, 3) m; see
   // TaskContext::path_of(). Throws std::logic_error if the task does not record them.
   std::span<const float> path() const;
   const Outputs& outputs() const;  // the last step's, reset's or restore's; intact during the next one

@@ -99,7 +99,7 @@ struct BatchConfig {
                    "every world, and no slices. "
                    "``\"embree\"``: Embree traces all rays, for comparison."}),
         field("pose_sensor", &C::pose_sensor, {.about = "The pose sensor of each drone."}),
-        field("imus", &C::imus, {.about = "The IMUs of each drone, with different names; they need motion by rotors."}),
+        field("imus", &C::imus, {.about = "The IMUs of each drone, with different names; they need simulated rotors."}),
         field("bodies", &C::bodies, {.about = "Bodies that are in every env when an episode begins, after those of its world."}),
         field("max_bodies", &C::max_bodies,
               {.about = "Number of slots for bodies in each env, B. Free slots are for ``batch.bodies.spawn()``. 0: as many as "

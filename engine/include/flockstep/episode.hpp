@@ -63,11 +63,11 @@ struct EpisodeConfig {
                         "drone begins its next episode without the others, and the env goes on. ``\"last\"``: they begin "
                         "together; a drone whose episode has ended is inactive until all have ended."}),
         field("max_episode_steps", &C::max_episode_steps,
-              {.about = "Time limit in flown steps, after which episodes are truncated. 0: no limit. None: the task's.",
+              {.about = "Time limit in control steps, after which episodes are truncated. 0: no limit. None: the task's.",
                .limits = at_least(0)}),
         field("frame_skip", &C::frame_skip,
               {.about = "`Batch.step` repeats its action this many times, or until the episode ends, and returns the summed "
-                        "reward. All step counts are in flown steps. Cameras capture only after the last one.",
+                        "reward. All step counts are in control steps. Cameras capture only after the last one.",
                .limits = between(1, 1000)}),
         field(
             "stagger_first_episode", &C::stagger_first_episode,
@@ -80,7 +80,7 @@ struct EpisodeConfig {
   FLOCKSTEP_API void validate() const;
 };
 
-// Rates in steps per second of simulated time. A tick is one step of the motion. A flown step, for which the policy decides
+// Rates in steps per second of simulated time. A tick is one step of the motion. A control step, for which the policy decides
 // once, is a whole number of ticks. A sensor with a rate reads once every fixed number of ticks.
 struct ClockConfig {
   float policy_hz = 10.0F;
@@ -91,12 +91,13 @@ struct ClockConfig {
     using C = ClockConfig;
     return field_list(
         field("policy_hz", &C::policy_hz,
-              {.about = "Flown steps per second; the policy decides once per flown step.",
+              {.about = "Control steps per second; the policy decides once in each.",
                .unit = "Hz",
                .limits = between(0.001, 100000)}),
         field("physics_hz", &C::physics_hz,
-              {.about = "Ticks per second, 1 to 1000 per flown step. None: one per flown step; for motion by rotors, as many as "
-                        "give at least 500 Hz. Motion by rotors needs at least 50 Hz.",
+              {.about =
+                   "Ticks per second, 1 to 1000 per control step. None: one per control step; for simulated rotors, as many as "
+                   "give at least 500 Hz. Simulated rotors need at least 50 Hz.",
                .unit = "Hz",
                .limits = above(0)}),
         field(
@@ -110,10 +111,10 @@ struct ClockConfig {
   FLOCKSTEP_API void validate() const;
   double ticks_hz() const {
     return static_cast<double>(physics_hz.value_or(policy_hz));
-  }  // Hz; without physics_hz one tick per flown step
+  }  // Hz; without physics_hz one tick per control step
   double dt_s() const { return 1.0 / ticks_hz(); }                           // s per tick
-  double step_s() const { return 1.0 / static_cast<double>(policy_hz); }     // s per flown step
-  int substeps() const { return ticks_in(static_cast<double>(policy_hz)); }  // ticks per flown step
+  double step_s() const { return 1.0 / static_cast<double>(policy_hz); }     // s per control step
+  int substeps() const { return ticks_in(static_cast<double>(policy_hz)); }  // ticks per control step
   int control_ticks() const {                                                // ticks between calls of the controller
     return controller_hz ? ticks_in(static_cast<double>(*controller_hz)) : 1;
   }

@@ -39,7 +39,7 @@ struct ContactState {  // contacts of the last motion
         array("fraction", &C::fraction,
               {.values = Values::fraction,
                .writer = kWriter,
-               .about = "fraction of the motion, or of the substep that hit, flown before the contact"}),
+               .about = "fraction of the motion, or of the tick that hit, flown before the contact"}),
         array("point", &C::point,
               {.columns = 3, .unit = "m", .frame = Frame::world, .writer = kWriter, .about = "contact point on the obstacle"}),
         array("normal", &C::normal,

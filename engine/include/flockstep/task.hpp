@@ -126,8 +126,8 @@ class TaskContext {
   // Removes a body until the next episode. Call it in place(), begin() or command().
   virtual void remove_body(EnvIndex env, std::size_t body) = 0;
 
-  // Positions of a drone before the flown step and after each of its ticks, (ticks + 1, 3) m, world frame. Between them the drone
-  // moves almost straight. Empty unless TaskSpec::records_path is set. Read it in Task::score().
+  // Positions of a drone before the control step and after each of its ticks, (ticks + 1, 3) m, world frame. Between them the
+  // drone moves almost straight. Empty unless TaskSpec::records_path is set. Read it in Task::score().
   virtual std::span<const float> path_of(DroneIndex drone) const = 0;
 
  private:
@@ -151,8 +151,8 @@ struct Setpoints {
   std::vector<float> command;  // (N, 4), used with every other Control, which gives the meaning of the numbers
 };
 
-// Score of one flown step. R rows are N or E, depending on TaskSpec::row. If the episode of one row ends, EpisodeConfig::episodes
-// decides about the other rows of its env.
+// Score of one control step. R rows are N or E, depending on TaskSpec::row. If the episode of one row ends,
+// EpisodeConfig::episodes decides about the other rows of its env.
 struct Score {
   std::size_t num_terms;      // terms of the reward
   std::vector<double> terms;  // (R, num_terms), each multiplied by its weight

@@ -16,7 +16,7 @@ struct EnumNames<Gusts> {
   static constexpr std::array kNames{"none", "ornstein_uhlenbeck", "dryden"};
 };
 
-// The mean wind is the same everywhere in a world. Wind is constant during a flown step, and each drone has its own gusts.
+// The mean wind is the same everywhere in a world. Wind is constant during a control step, and each drone has its own gusts.
 struct WindConfig {
   std::array<float, 3> mean_mps{0.0F, 0.0F, 0.0F};
   Gusts gusts = Gusts::none;

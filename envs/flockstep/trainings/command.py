@@ -26,8 +26,8 @@ from flockstep.trainings.training import UNSEEN_SEEDS, Training
 def add_commands(commands: Any) -> None:
     """Add the commands."""
     about = {
-        "train": "train a policy by a row of the table of trainings, save it, and judge it by flights of its own",
-        "evaluate": "judge a policy, or a flyer without one, by flights that no training uses",
+        "train": "train a policy by a row of the table of trainings, save it, and evaluate it",
+        "evaluate": "evaluate a policy, or a flyer without one, in flights that no training uses",
         "record": "film a flight of a policy that no training uses; needs the extra film",
     }
     for name, run in (("train", _train), ("evaluate", _evaluate), ("record", _record)):
@@ -41,7 +41,7 @@ def add_commands(commands: Any) -> None:
         learner = "flockstep.PPO, or Stable-Baselines3's, whose files run code when they are loaded"
         parser.add_argument("--learner", choices=("flockstep", "sb3"), default="flockstep", help=learner)
         if name != "record":
-            parser.add_argument("--flights", type=_count, help="flights of each kind that judge; default: the row's")
+            parser.add_argument("--flights", type=_count, help="evaluation flights of each kind; default: the row's")
     train_options, _, film_options = (commands.choices[name] for name in about)
     train_options.add_argument("--seed", type=int, default=0, help="seed of the training")
     threads = "threads of simulator and learner; 0: one per core. The results have the same bits for any number"

@@ -18,7 +18,7 @@ inline constexpr FieldInfo kMountRotation{
 inline constexpr FieldInfo kSensorRate{
     .about =
         "Readings per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. None: one "
-        "reading after every flown step.",
+        "reading after every control step.",
     .unit = "Hz",
     .limits = above(0)};
 

@@ -75,9 +75,8 @@ struct FormationConfig {
                  "0"},
             },
         .end =
-            "An episode ends at a contact, if d exceeds ``max_distance_m``, or when the leader has arrived at the end of a "
-            "path. It is a success if neither of the first two has happened and the mean of d over all steps is at most "
-            "``close_m``.",
+            "An episode is terminated at a contact, or if d exceeds ``max_distance_m``. It is truncated when the leader has "
+            "arrived at the end of a path, as a success if the mean of d over all steps is at most ``close_m``.",
         .overlay = "place",
     };
   }

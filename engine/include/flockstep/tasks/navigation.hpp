@@ -87,7 +87,7 @@ struct NavigationConfig {
             "tasks observe the green of the goal in an image (``observation=\"blob\"``) or the image itself (``\"pixels\"``) "
             "instead of the direction.",
         .start = "At the world's start marker, or anywhere in its spawn box with ``random_start=True``.",
-        .action = "One of six or three directions, or a displacement; see ``action``.",
+        .action = "``action`` chooses: one of six directions, one of three, or a displacement.",
         .observed =
             "Ranges are divided by the LiDAR's maximum range and 1 on a miss. With ``\"pixels\"`` the image of the first "
             "camera, (3, H, W) uint8, is a field of its own, and the ranges are the other.",
