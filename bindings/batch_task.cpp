@@ -14,6 +14,7 @@
 #include "array_views.hpp"
 #include "arrays.hpp"
 #include "base/array_shape.hpp"
+#include "base/dtype.hpp"
 #include "base/require.hpp"
 #include "batch.hpp"
 #include "convert.hpp"

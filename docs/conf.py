@@ -24,7 +24,7 @@ nitpick_ignore_regex = [
         r"flockstep|flockstep::client|detail(::.*)?|DroneKind|EnvKind|(std|Eigen|Vec3|Quat)(::.*)?",
     ),  # the last two are Eigen's
     ("py:obj", r"Box|Discrete|TimeLimit|(single_)?(action|observation)_space|np_random"),  # Gymnasium's
-    ("py:obj", r"Monitor|PPO|VecEnv"),  # Stable-Baselines3's
+    ("py:obj", r"Monitor|PPO|VecEnv|VecNormalize"),  # Stable-Baselines3's
     ("py:(obj|exc)", r"(gymnasium|numpy|stable_baselines3|torch)\..*"),
 ]
 suppress_warnings = ["autoapi.python_import_resolution"]  # the stub and two modules import types of each other

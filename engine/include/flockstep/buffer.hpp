@@ -44,24 +44,6 @@ inline constexpr DType kDType<double> = DType::float64;
 template <class T>
 inline constexpr bool is_dtype = std::is_same_v<T, std::uint8_t> || kDType<T> != DType::uint8;
 
-// Calls f with a value of the C++ type of a DType, uint8_t for boolean: with_type(type, [&]<class T>(T) { ... }).
-template <class F>
-constexpr decltype(auto) with_type(DType type, const F& f) {
-  switch (type) {
-    case DType::boolean:
-    case DType::uint8:
-      return f(std::uint8_t());
-    case DType::int32:
-      return f(std::int32_t());
-    case DType::int64:
-      return f(std::int64_t());
-    case DType::float32:
-      return f(float());
-    default:
-      return f(double());
-  }
-}
-
 // Returns true for float32 and float64.
 constexpr bool is_floating(DType type) { return type == DType::float32 || type == DType::float64; }
 

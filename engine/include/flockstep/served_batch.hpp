@@ -11,6 +11,12 @@
 
 namespace flockstep {
 
+// The slot that spawn() would give to one more drone.
+struct NextSlot {
+  EnvIndex env;    // the slot's env; E or more: a new env
+  bool renumbers;  // other drones would have other indices
+};
+
 // While it exists, a call of the batch while another thread is in one waits for it; BatchLock makes several calls as one. Threads
 // wait in the order of their calls, so a thread that steps in a loop lets the others in between.
 class FLOCKSTEP_API ServedBatch {
@@ -31,11 +37,6 @@ class FLOCKSTEP_API ServedBatch {
   static std::int64_t generation(const Batch& batch);  // number of times that the arrays have moved
   static std::shared_ptr<const void> memory(
       const Batch& batch);  // keeps the current arrays alive; after a growth they change no more
-  // What spawn() would do for one more drone.
-  struct NextSlot {
-    EnvIndex env;    // the slot's env; E or more: a new env
-    bool renumbers;  // other drones would have other indices
-  };
   // Returns the next slot of the batch, or of an env if one is given. Throws std::invalid_argument as spawn() does.
   static NextSlot next_slot(const Batch& batch, std::span<const std::int64_t> env = {});
   // From now on, when the arrays move, `run` is called with a function that it must call once. It may hold a lock that all

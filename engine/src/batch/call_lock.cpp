@@ -124,7 +124,7 @@ bool ServedBatch::is_served(const Batch& batch) { return batch.lock_->is_shared(
 std::int64_t ServedBatch::generation(const Batch& batch) { return batch.lock_->generation(); }
 std::shared_ptr<const void> ServedBatch::memory(const Batch& batch) { return batch.sim_; }
 
-ServedBatch::NextSlot ServedBatch::next_slot(const Batch& batch, std::span<const std::int64_t> env) {
+NextSlot ServedBatch::next_slot(const Batch& batch, std::span<const std::int64_t> env) {
   const CallGuard guard(*batch.lock_);
   const Simulation& sim = *batch.sim_;
   const SpawnPlan plan = plan_spawn(sim, {}, env, 1);

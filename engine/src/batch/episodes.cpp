@@ -4,6 +4,7 @@
 #include <array>
 #include <utility>
 
+#include "base/dtype.hpp"
 #include "base/indices.hpp"
 #include "base/random.hpp"
 #include "batch/bad_states.hpp"

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <type_traits>
 
+#include "base/dtype.hpp"
 #include "base/indices.hpp"
 
 namespace flockstep {

@@ -9,6 +9,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "base/dtype.hpp"
 #include "base/finite.hpp"
 #include "base/require.hpp"
 #include "flockstep/batch.hpp"
