@@ -129,11 +129,14 @@ class Navigation(flockstep.Task):
         return np.concatenate([head, self.ranges(batch)], axis=1)
 
     def direction(self, batch: flockstep.Batch) -> Array:
-        """Return the unit direction to the current goal in the sensed body frame, (N, 3)."""
+        """Return the direction to the current goal in the sensed body frame, (N, 3); its norm `goal_norm` is 1."""
         offset = self.goal(batch) - batch.sensed_position
         length = np.linalg.norm(offset, axis=1, keepdims=True)
         direction = np.divide(offset, length, out=np.zeros_like(offset), where=length > 0)
         direction = rotate(batch.sensed_quat_wxyz.astype(float), direction, inverse=True)
+        if self.config.goal_norm == "maximum":
+            largest = np.abs(direction).max(axis=1, keepdims=True)
+            direction = np.divide(direction, largest, out=direction, where=largest > 0)
         return np.clip(direction, -1, 1)
 
     def blob(self, batch: flockstep.Batch) -> Array:

@@ -27,6 +27,7 @@ BUDGETS = {
     "docs/concepts/": 1200,
     "docs/results/": 500,
     "docs/project/": 900,
+    "docs/thesis/": 600,
 }
 POINTERS_PER_1000 = 0.5
 SEMICOLONS_PER_1000 = 3

@@ -147,6 +147,7 @@ __all__ = [
     "serve",
     "success_rates",
     "testing",
+    "thesis",
 ]
 
 registration.register()
@@ -156,6 +157,7 @@ if _TYPE_CHECKING:
     from flockstep import client, rllib, sb3, testing
     from flockstep.client import connect, connect_async
     from flockstep.multi_agent import parallel_env
+    from flockstep.trainings import thesis
     from flockstep.trainings.presets import presets
 else:
 
@@ -170,6 +172,8 @@ else:
             return getattr(importlib.import_module("flockstep.client"), name)
         if name == "parallel_env":
             return importlib.import_module("flockstep.multi_agent").parallel_env
+        if name == "thesis":
+            return importlib.import_module("flockstep.trainings.thesis")
         if name == "presets":
             return importlib.import_module("flockstep.trainings.presets").presets
         from flockstep.errors import did_you_mean

@@ -158,7 +158,9 @@ class Navigation final : public ConfiguredTask<NavigationConfig> {
       normalise(around.ranges.subspan(drone * rays_, rays_), around.max_range_m[drone], row.data() + head);
       switch (config_.observation) {
         case ObservationKind::goal: {
-          const Vec3 direction = direction_to(block.context.sensed_pose(drone), goal(block.context, drone));
+          Vec3 direction = direction_to(block.context.sensed_pose(drone), goal(block.context, drone));
+          const auto largest = direction.cwiseAbs().maxCoeff();
+          if (config_.goal_norm == GoalNorm::maximum && largest > 0) direction /= largest;
           std::copy_n(direction.data(), 3, row.data());
           break;
         }

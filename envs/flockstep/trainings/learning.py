@@ -89,10 +89,12 @@ def train(
         _require_sb3()
     envs = make(training, training.num_envs, threads)
     first = first_env_seed(seed, training.num_envs)  # the seeds of the model are also those of other trainings
-    rate = training.settings["learning_rate"]
+    rate, falls = training.settings["learning_rate"], training.falls
     both = [_Schedule(training), *callbacks]
     if learner == "flockstep":
-        settings = {**training.settings, "learning_rate": lambda left: rate - (1.0 - left) * rate}
+        settings = {**training.settings}
+        if falls:
+            settings["learning_rate"] = lambda left: rate - (1.0 - left) * rate
         model = PPO("MlpPolicy", envs, seed=seed, num_threads=threads, **settings)
         if hasattr(envs, "env_is_wrapped"):  # a VecEnv keeps its seed for its reset
             envs.seed(first)
@@ -125,7 +127,9 @@ def _sb3(training: Training, envs: Any, seed: int, first: int, callbacks: list[A
     if "features_extractor_class" in named:
         named["features_extractor_class"] = getattr(sb3, named["features_extractor_class"])
     # No function: the saved policy would contain its bytecode, which crashes another Python version.
-    settings = {**training.settings, "learning_rate": LinearSchedule(training.settings["learning_rate"], 0.0, 1.0)}
+    settings = {**training.settings}
+    if training.falls:
+        settings["learning_rate"] = LinearSchedule(settings["learning_rate"], 0.0, 1.0)
     venv = envs if hasattr(envs, "env_is_wrapped") else sb3.DroneVecEnv(envs)
     model: Any = SB3("MlpPolicy", venv, seed=seed, device="cpu", **{**settings, "policy_kwargs": named})
     venv.seed(first)

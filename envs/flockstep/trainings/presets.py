@@ -29,7 +29,8 @@ class Preset(Mapping[str, Any]):
         self.env, self.steps, self.num_envs = training.env, training.steps, training.num_envs
         self._keywords = dict(training.settings)
         rate = self._keywords["learning_rate"]
-        self._keywords["learning_rate"] = lambda left: rate * left
+        if training.falls:
+            self._keywords["learning_rate"] = lambda left: rate * left
         if training.entropy:
             self._keywords["ent_coef"] = 0.4 * training.entropy  # its mean: it falls to 0 over 80 % of the steps
 
@@ -48,6 +49,10 @@ class Preset(Mapping[str, Any]):
             the extra ``sb3``.
         """
         return make(self._training, self.num_envs, num_threads)
+
+    def keywords(self) -> dict[str, Any]:
+        """Return the keywords of these environments; those of the lidar preset generate a thousand worlds."""
+        return self._training.learns()
 
     def __getitem__(self, key: str) -> Any:
         """Return a keyword's value."""

@@ -59,7 +59,7 @@ class Training:
     num_envs: int
     """Environments that fly at once."""
     settings: Keywords
-    """Keywords of PPO. The learning rate falls to zero."""
+    """Keywords of PPO. The learning rate falls to zero if ``falls``."""
     learns: Callable[[], Keywords] = dict
     """Returns the keywords of the environments for training. ``drones_per_env`` may be a dict from numbers of drones to
     the drones that fly so, and ``num_envs`` then has their sum."""
@@ -78,6 +78,8 @@ class Training:
     """Keywords of `flockstep.record`."""
     entropy: float = 0.0
     """Entropy bonus at the start; it falls to zero over the first 80 % of the steps."""
+    falls: bool = True
+    """Whether the learning rate falls to zero."""
     flights: int = 1000
     """Flights of the report, of each kind."""
     bench: tuple[str, str, int] | None = None

@@ -28,6 +28,13 @@ struct EnumNames<ObservationKind> {
   static constexpr std::array kNames{"goal", "blob", "pixels"};
 };
 
+// Norm that is 1 in the observed direction to the goal.
+enum class GoalNorm : std::uint8_t { euclidean, maximum };
+template <>
+struct EnumNames<GoalNorm> {
+  static constexpr std::array kNames{"euclidean", "maximum"};
+};
+
 // The reward is the sum of these terms, each multiplied by its weight.
 // Source: the LiDAR and camera experiments of the thesis "Drone Simulation Using Unreal Engine", chapter 6.
 // l are the LiDAR ranges over max_range_m, |L| is their number, M = min_clearance, R = goal_reward.
@@ -122,6 +129,7 @@ struct NavigationConfig {
 
   ActionKind action = ActionKind::discrete;
   ObservationKind observation = ObservationKind::goal;
+  GoalNorm goal_norm = GoalNorm::euclidean;
   float step_m = 0.1F;
   float yaw_step_deg = 10.0F;
   NavigationReward reward;
@@ -144,6 +152,9 @@ struct NavigationConfig {
                         "and ``area`` "
                         "of the `color_blob` of ``color`` in the first camera's image. ``\"pixels\"``: nothing; the image of the "
                         "first camera, whose layout is ``\"chw\"``, is a separate field."}),
+        field("goal_norm", &C::goal_norm,
+              {.about = "Norm that is 1 in the direction to the goal. ``\"maximum\"``: its largest component is +-1, as in the "
+                        "thesis's program."}),
         field("step_m", &C::step_m, {.about = "Distance of a full action.", .unit = "m", .limits = above(0)}),
         field("yaw_step_deg", &C::yaw_step_deg,
               {.about = "Angle of a full turn action.", .unit = "deg", .limits = above_up_to(0, 180)}),

@@ -1,0 +1,86 @@
+"""Reproduce the thesis: `./dev thesis [NAME...]` measures what is missing of a table, a figure or an experiment.
+
+Each job has rows, and each row keeps its own result in out/thesis/NAME/ROW.json as soon as it is measured, so that an
+interrupted job goes on where it stopped. Once all rows of a job are there, it writes out/bench/thesis_NAME.json;
+`python bench/table.py --keep` keeps that and writes the pages of docs/thesis/. `--fresh` measures all rows again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import run  # bench/, which the command puts on the path
+import table
+from timing import Figure, Measured, figure
+
+ROOT = Path(__file__).resolve().parents[1]
+OUT = ROOT / "out"
+Rows = Mapping[str, Callable[[], Iterable[Measured | Figure]]]
+
+#: What is measured or drawn, by name: the function of this package that returns its rows.
+JOBS = {
+    "lidar": "experiments:lidar",
+    "camera": "experiments:camera",
+}
+
+
+def measured(name: str, row: str, measure: Callable[[], Iterable[Measured | Figure]], fresh: bool) -> dict[str, Any]:
+    """Return the result of a row, which is measured now if it is not kept."""
+    path = OUT / "thesis" / name / f"{row}.json"
+    if path.exists() and not fresh:
+        kept: dict[str, Any] = json.loads(path.read_text())
+        return kept
+    print(f"== {name}, {row}", flush=True)
+    at = {"machine": run.machine(), "commit": run.commit(), "commit_date": run.commit_date()}
+    figures = [figure(*each) if isinstance(each, tuple) else each for each in measure()]
+    for each in figures:
+        each["name"] = f"thesis_{name}/{row}/{each['name']}"
+        print(f"   {each['name']:60} {each['value']:>12,.6g} {each['unit']}", flush=True)
+    if run.commit() != at["commit"]:
+        sys.exit(f"{name}: the checkout changed while {row} ran; nothing written")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(table.lines_of({**at, "figures": figures}))
+    return {**at, "figures": figures}
+
+
+def reproduce(name: str, fresh: bool) -> None:
+    """Measure the rows of a job that are not kept, and write all of them as one result."""
+    module, _, function = JOBS[name].partition(":")
+    rows: Rows = getattr(importlib.import_module(f"thesis.{module}"), function)()
+    results = {row: measured(name, row, measure, fresh) for row, measure in rows.items()}
+    last = results[next(reversed(results))]
+    if len({json.dumps(each["machine"]) for each in results.values()}) > 1:
+        sys.exit(f"{name}: rows of several machines: --fresh measures all again")
+    others = {each["commit"] for each in results.values()} - {last["commit"]}
+    parts = [
+        {"what": " ".join(row for row, each in results.items() if each["commit"] == commit), "commit": commit}
+        for commit in sorted(others)
+    ]
+    about = {key: last[key] for key in ("machine", "commit", "commit_date")} | ({"parts": parts} if parts else {})
+    path = OUT / "bench" / f"thesis_{name}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(table.lines_of({**about, "figures": [f for each in results.values() for f in each["figures"]]}))
+    print(f"{name}: all rows are in {path.relative_to(ROOT)}")
+
+
+def main() -> None:
+    """Reproduce the named jobs, or all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(JOBS)}; default: all")
+    parser.add_argument("--fresh", action="store_true", help="measure rows again that are kept")
+    args = parser.parse_args()
+    for name in args.names:
+        if name not in JOBS:
+            parser.error(f"NAME: expected one of {', '.join(JOBS)}, got {name!r}")
+    for name in args.names or JOBS:
+        reproduce(name, args.fresh)
+
+
+if __name__ == "__main__":
+    main()
