@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import sys
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -50,7 +49,7 @@ ENVS = {
     },
     "Race-v0 (generated tracks)": {"worlds": "race_track/seed-0..3", "laps": 1, "max_episode_steps": 120},
 }
-POLICIES = {"flockstep/Hover-v0": "hover.zip", "flockstep/Track-v0": "track.zip"}
+POLICIES = {"flockstep/Hover-v0": "hover", "flockstep/Track-v0": "track"}
 MODES = ("next_step", "same_step", "disabled")
 STEPS = 2000
 
@@ -98,11 +97,7 @@ def digest_of(name: str, keywords: dict[str, Any], mode: str, num_envs: int, ste
 
 def policy_digest(env_id: str, name: str, num_envs: int) -> str:
     """Return the digest of a stored policy's actions and rewards."""
-    import torch
-    from stable_baselines3 import PPO
-
-    torch.set_num_threads(1)
-    model = PPO.load(Path(__file__).resolve().parents[1] / "policies" / name, device="cpu")
+    model = flockstep.policies.load(name)
     envs = gym.make_vec(env_id, num_envs=num_envs)
     digest = hashlib.sha256()
     observation, _ = envs.reset(seed=11)

@@ -98,7 +98,7 @@ class Replay:
             copy=False,
             num_threads=1,
         )
-        model = flockstep.PPO.load(ROOT / "policies" / "race.zip")
+        model = flockstep.policies.load("race")
         observation, _ = self.envs.reset(seed=0)
         for _ in range(WARM_UP):
             observation = self.envs.step(model.predict(observation, deterministic=True)[0])[0]

@@ -177,8 +177,9 @@ def check(wheel: Path) -> str:
     strangers = [name for name in names if UNWANTED.match(name.removeprefix("flockstep.libs/"))]
     if strangers:
         raise SystemExit(f"wheel: {wheel.name} holds what it must not: {', '.join(strangers)}")
-    if not any(name.startswith("flockstep/scenes/") for name in names):
-        raise SystemExit(f"wheel: {wheel.name} holds no scenes")
+    for folder in ("scenes", "policies"):
+        if not any(name.startswith(f"flockstep/{folder}/") for name in names):
+            raise SystemExit(f"wheel: {wheel.name} holds no {folder}")
     size = wheel.stat().st_size
     if size > MOST_BYTES:
         raise SystemExit(f"wheel: {wheel.name} has {size:,} bytes, more than {MOST_BYTES:,}")

@@ -1,9 +1,8 @@
 """The film of a flight of the LiDAR task: from the start via the waypoints to the goal of a playground.
 
-The policy is `policies/lidar.zip`, made by `training/train_ppo.py --task lidar` with its default settings. The
-playground is a generated one in which the policy was not trained, with 24 pillars instead of 12. The policy reaches the
-goal in 284 of the first 300 such playgrounds. This one was chosen for the film: the path leads past many pillars and
-does not cross itself.
+The policy is the bundled `lidar`. The playground is a generated one in which it was not trained, with 24 pillars
+instead of 12. The policy reaches the goal in 284 of the first 300 such playgrounds. This one was chosen for the film:
+the path leads past many pillars and does not cross itself.
 
 The film plays at 2.5 times the speed of the flight. A step moves the drone by 0.1 m along one axis, so the path is
 smoothed. The program checks that the drone can fly the smoothed path too, and prints its largest distance to the flown

@@ -6,8 +6,9 @@
 `World`, `Batch`, `LidarConfig` and similar classes are the native simulator. `DroneVectorEnv` wraps it as a Gymnasium
 environment, and `Task` is the base class for your own tasks. `flockstep.sb3` connects to Stable-Baselines3,
 `flockstep.rllib` to Ray RLlib, ``parallel_env`` to PettingZoo, and `flockstep.testing` checks any Gymnasium vector
-environment. `PPO` trains a policy, with the settings of `presets` if you like, `evaluate` and `success_rates` test it,
-`record` films a flight. `render` takes a picture of a world. `connect` connects to a server.
+environment. `PPO` trains a policy, with the settings of `presets` if you like, and `policies` has trained ones.
+`evaluate` and `success_rates` test a policy, `record` films a flight. `render` takes a picture of a world. `connect`
+connects to a server.
 """
 
 # ruff: noqa: E402 # the check for required packages comes before the imports that need them
@@ -18,7 +19,7 @@ from flockstep.doctor import stop_without_required as _stop_without_required
 
 _stop_without_required()
 
-from flockstep import registration, rotations, scenes
+from flockstep import policies, registration, rotations, scenes
 from flockstep._core import (
     Batch,
     Bodies,
@@ -135,6 +136,7 @@ __all__ = [
     "include_dir",
     "parallel_env",
     "plan",
+    "policies",
     "presets",
     "record",
     "register_task",

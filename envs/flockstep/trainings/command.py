@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from flockstep import policies
 from flockstep.errors import did_you_mean
 from flockstep.learning import progress_of
 from flockstep.progress_line import ProgressLine
@@ -21,6 +22,8 @@ from flockstep.trainings.flying import Verdict, best_of, judge
 from flockstep.trainings.learning import Callback, load, train
 from flockstep.trainings.table import TRAININGS
 from flockstep.trainings.training import UNSEEN_SEEDS, Training
+
+_KNOWN = f"file of a policy, or a bundled one ({', '.join(policies.names())})"
 
 
 def add_commands(commands: Any) -> None:
@@ -37,7 +40,7 @@ def add_commands(commands: Any) -> None:
         parser.add_argument("name", metavar="TRAINING", help=rows)
         if name != "train":
             flyer = "" if name == "record" else ", or the name of a flyer without a policy, such as straight"
-            parser.add_argument("policy", metavar="POLICY", help=f"file of a policy{flyer}")
+            parser.add_argument("policy", metavar="POLICY", help=f"{_KNOWN}{flyer}")
         learner = "flockstep.PPO, or Stable-Baselines3's, whose files run code when they are loaded"
         parser.add_argument("--learner", choices=("flockstep", "sb3"), default="flockstep", help=learner)
         if name != "record":
@@ -115,23 +118,30 @@ def _train(arguments: argparse.Namespace) -> None:
 
 
 def _evaluate(arguments: argparse.Namespace) -> None:
-    training, path = _asked(arguments), Path(arguments.policy)
+    training = _asked(arguments)
     if arguments.policy in training.baselines:
         flyer = best_of(training, training.baselines[arguments.policy])
-    elif path.exists():
-        flyer = load(path, arguments.learner)
+    elif arguments.policy in policies.names() or Path(arguments.policy).exists():
+        flyer = _policy(arguments)
     else:
         flyers = ", ".join(training.baselines) or "none"
-        raise ValueError(f"POLICY: expected a file or a flyer without a policy ({flyers}), got {arguments.policy!r}")
+        raise ValueError(f"POLICY: expected a {_KNOWN}, or a flyer without one ({flyers}), got {arguments.policy!r}")
     _say(training, arguments, judge(training, flyer, _flights(training, arguments), _UNSEEN))
 
 
 def _record(arguments: argparse.Namespace) -> None:
     training, path = _asked(arguments), arguments.film or Path(f"{arguments.name.rpartition(':')[2]}.mp4")
-    model = load(arguments.policy, arguments.learner)
+    model = _policy(arguments)
     path.parent.mkdir(parents=True, exist_ok=True)
     record(path, model, training.env, seed=arguments.seed, **training.film)
     print(path)
+
+
+def _policy(arguments: argparse.Namespace) -> Any:
+    """Return the model of a file or, if there is none, the bundled one of this name."""
+    if arguments.policy in policies.names() and not Path(arguments.policy).exists():
+        return policies.load(arguments.policy)
+    return load(arguments.policy, arguments.learner)
 
 
 def _asked(arguments: argparse.Namespace) -> Training:

@@ -21,7 +21,6 @@ from tools.slice_picture import LIDAR, PLACE, Slice, draw
 from training.evaluate import MAX_STEPS, fly, greedy
 from training.forest_flight import ForestFlight
 from training.rotor_navigation import RotorNavigation
-from training.tasks import load_policy
 
 FOREST = flockstep.World.forest(0, trees=20, size_m=(30, 20))
 PLAYGROUND = flockstep.World.load("playground/train-1")
@@ -107,7 +106,7 @@ def playground():
 
 @pytest.fixture(scope="module")
 def flight(playground):
-    (one,) = fly(greedy(load_policy(ROOT / "policies" / "lidar.zip")), [playground], MAX_STEPS)
+    (one,) = fly(greedy(flockstep.policies.load("lidar")), [playground], MAX_STEPS)
     return one
 
 
@@ -156,7 +155,7 @@ def test_the_drone_is_where_it_projects_to(playground, content):
 
 @pytest.fixture(scope="module")
 def raced():
-    return race_film.flown(flockstep.PPO.load(ROOT / "policies" / "race.zip"), UNSEEN_SEEDS.start)
+    return race_film.flown(flockstep.policies.load("race"), UNSEEN_SEEDS.start)
 
 
 def test_the_policy_flies_three_laps(raced):

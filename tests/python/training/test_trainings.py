@@ -1,16 +1,14 @@
 """flockstep.trainings: the table, the flights that judge, training by both learners, and the commands."""
 
-import base64
 import itertools
-import json
 import math
 import runpy
-import zipfile
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
+import gymnasium
 import numpy as np
 import pytest
 from conftest import world_of
@@ -19,9 +17,9 @@ from messages import refused
 import flockstep
 from flockstep import trainings
 from flockstep.trainings import CHOOSING_SEEDS, TRAININGS, UNSEEN_SEEDS, flyers, flying, judge, learning, table
+from tools import keep_policy
 from training import race_bound
 
-POLICIES = Path(__file__).resolve().parents[3] / "policies"
 UNSEEN = UNSEEN_SEEDS.start
 FEW = {"hover": 4, "swap": 2, "dodge": 4, "formation": 2, "race": 2}
 
@@ -289,16 +287,37 @@ def test_unknown_ends_are_not_judged():
     assert (verdict.success, verdict.crashed, verdict.more) == (0.0, 1.0, {})  # thrown and never caught
 
 
-@pytest.mark.parametrize("name", ["hover", "track", "lidar"])
-def test_kept_policies_hold_no_bytecode(name):
-    """A saved function crashes other Python versions that load it."""
-    with zipfile.ZipFile(POLICIES / f"{name}.zip") as file:
-        saved = json.loads(file.read("data"))
-    pickles = [
-        base64.b64decode(v[":serialized:"]) for v in saved.values() if isinstance(v, dict) and ":serialized:" in v
-    ]
-    assert len(pickles) > 5
-    assert not any(b"CodeType" in pickle or b"_builtin_type" in pickle for pickle in pickles)
+@pytest.mark.parametrize("name", flockstep.policies.names())
+def test_bundled_policies_fit_the_environment_of_their_row(name):
+    model, envs = flockstep.policies.load(name), gymnasium.make_vec(TRAININGS[name].env, num_envs=2)
+    actions, _ = model.predict(envs.reset(seed=0)[0], deterministic=True)
+    assert actions.shape == (envs.num_envs, *envs.single_action_space.shape)
+    assert model.num_timesteps > 1_000_000
+    assert model.learner.adam[2] == 0  # a wheel holds no moments of Adam
+    envs.close()
+
+
+def test_a_policy_that_is_not_bundled_is_refused():
+    with refused(ValueError, "policies", "dodge, formation, hover", "liadr", "Did you mean 'lidar'?"):
+        flockstep.policies.load("liadr")
+
+
+def test_a_policy_is_kept_without_the_moments_of_adam(monkeypatch, tmp_path):
+    preset = flockstep.presets["hover"]
+    model = flockstep.PPO("MlpPolicy", preset.make_envs(1), **preset).learn(1)
+    model.save(tmp_path / "new")
+    keep_policy.main(keep_policy.Args(tmp_path / "new.zip", "mine", tmp_path / "kept"))
+    monkeypatch.setattr(flockstep.policies, "directory", lambda: tmp_path / "kept")
+    assert flockstep.policies.names() == ["mine"]
+    kept = flockstep.policies.load("mine")
+    np.testing.assert_array_equal(kept.learner.parameters, model.learner.parameters)
+    assert (model.learner.adam[2] > 0, kept.learner.adam[2]) == (True, 0)
+
+
+def test_the_commands_take_the_name_of_a_bundled_policy(monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    command(monkeypatch, "evaluate", "race", "race", "--flights", 1)
+    assert "of 1 flights succeed" in capsys.readouterr().out
 
 
 def test_side_by_side_needs_its_own_rows(monkeypatch):
