@@ -14,7 +14,7 @@ import numpy as np
 
 import flockstep
 from flockstep import BodyConfig, BodyMotion
-from timing import RUNS, Measured, Timer, in_turns, median_ratio, timed
+from timing import RUNS, Measured, Median, Timer, in_turns, median_ratio, timed
 
 DRONES, STEPS = 1024, 60
 ENVS, BODIES = 64, 64  # of the ticks of scripts
@@ -36,7 +36,7 @@ def compared(name: str, rate: str, count: int, timers: dict[str, Timer]) -> Iter
     """Return the rate of each variant, and its ratio to that of the same solids in the static world."""
     times = in_turns(timers, warm_up=True)
     for variant, seconds in times.items():
-        yield f"bodies/{name}/{variant}/{rate}", count / statistics.median(seconds), "1/s", RUNS
+        yield f"bodies/{name}/{variant}/{rate}", count / Median(seconds), "1/s", RUNS
         if variant != "static":
             yield f"bodies/{name}/{variant}/ratio_to_static", median_ratio(times["static"], seconds), "1", RUNS
 

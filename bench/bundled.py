@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -16,7 +15,7 @@ import numpy as np
 
 import flockstep
 from compare_rows import somewhere
-from timing import Measured, in_turns, timed
+from timing import Measured, Median, in_turns, timed
 
 RUNS = 5
 DRONES = 256
@@ -47,7 +46,7 @@ def measure() -> Iterator[Measured]:
             packets = batch.embree_packets
             batch.sense()
             packets = batch.embree_packets - packets
-            rate = batch.num_drones / statistics.median(seconds)
+            rate = batch.num_drones / Median(seconds)
             yield f"worlds/{name}/{sensor}_per_second", rate, "1/s", RUNS
             yield f"worlds/{name}/{sensor}_embree_packets", packets / batch.num_drones, "1", 1
 

@@ -6,7 +6,6 @@ One thread, in processor time. The variants that are compared alternate.
 from __future__ import annotations
 
 import itertools
-import statistics
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 
 import flockstep
 from compare_rows import scene
-from timing import RUNS, Measured, in_turns, median_ratio, timed
+from timing import RUNS, Measured, Median, in_turns, median_ratio, timed
 
 STEPS = 40
 GROUPS = {
@@ -62,7 +61,7 @@ def steps(name: str, envs: int, drones: int, world: flockstep.World, motion: str
         )
     times = in_turns(timers, warm_up=True)
     for each, seconds in times.items():
-        yield f"{name}/{each}/us_per_step", 1e6 * statistics.median(seconds) / len(number), "µs", RUNS
+        yield f"{name}/{each}/us_per_step", 1e6 * Median(seconds) / len(number), "µs", RUNS
         yield f"{name}/{each}/ratio_to_separate", median_ratio(seconds, times["separate"]), "1", RUNS
     yield f"{name}/both/share_in_contact", float((batches["both"].contact.drone >= 0).mean()), "1", 1
 

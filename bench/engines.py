@@ -13,14 +13,13 @@ import json
 import os
 import re
 import resource
-import statistics
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from timing import Figure, Measured, figure
+from timing import Figure, Measured, Median, figure
 
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAMS = ROOT / "examples" / "trainers"
@@ -147,7 +146,7 @@ def figures(engine: str, processes: int, runs: Sequence[dict[str, float]]) -> It
     """Return the medians of some runs, per step where that makes sense."""
     steps = STEPS * processes * runs[0]["updates"]
     name = f"engines/{engine}/processes{processes}"
-    median = {key: statistics.median(each[key] for each in runs) for key in runs[0]}
+    median = {key: Median(each[key] for each in runs) for key in runs[0]}
     yield f"{name}/steps_per_second", steps / median["seconds"], "1/s", len(runs)
     yield f"{name}/cpu_us", 1e6 * median["all_cpu_s"] / steps, "us", len(runs)
     yield f"{name}/main_cpu_us", 1e6 * median["main_cpu_s"] / steps, "us", len(runs)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import statistics
 from collections.abc import Iterator
 
 import numpy as np
 
 import flockstep
-from timing import RUNS, Call, Measured, in_turns, timed
+from timing import RUNS, Call, Measured, Median, in_turns, timed
 
 SIZES = {"64x48": (64, 48, 256), "640x480": (640, 480, 16)}  # width, height, frames
 RANGES = {
@@ -41,7 +40,7 @@ def batch_of(width: int, height: int, frames: int, camera: str = "rgb") -> flock
 def microseconds(functions: dict[str, Call], frames: int, name: str) -> Iterator[Measured]:
     """Return the median processor time per frame."""
     for what, seconds in in_turns({name: timed(call) for name, call in functions.items()}, warm_up=True).items():
-        yield name.format(what), 1e6 * statistics.median(seconds) / frames, "us", RUNS
+        yield name.format(what), 1e6 * Median(seconds) / frames, "us", RUNS
 
 
 def measure() -> Iterator[Measured]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -18,7 +17,7 @@ from stable_baselines3.common.logger import configure
 
 import flockstep
 from flockstep import _core
-from timing import RUNS, Measured, in_turns, median_ratio, timed
+from timing import RUNS, Measured, Median, in_turns, median_ratio, timed
 
 Array = npt.NDArray[Any]
 
@@ -37,7 +36,7 @@ def measure(runs: int = RUNS) -> Iterator[Measured]:
         timers[f"flockstep{size}"] = walled(partial(ours.update, config))
         timers[f"sb3{size}"] = walled(model.train, before=partial(fill, model, rollout))
     times = in_turns(timers, runs)
-    us = {name: 1e6 * statistics.median(seconds) / (STEPS * ROWS) for name, seconds in times.items()}
+    us = {name: 1e6 * Median(seconds) / (STEPS * ROWS) for name, seconds in times.items()}
     yield "learner/act/microseconds", us["act"], "us", runs
     for size in MINIBATCHES:
         name, both = f"learner/update/minibatch{size}", (f"flockstep{size}", f"sb3{size}")

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import importlib
 import json
-import statistics
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -24,7 +23,7 @@ import numpy.typing as npt
 
 from peers import HOMES, RUNS, Told, ask, of_each, rate
 from peers.cases import FAR_M, SENSORS, Array, Cast, Mode, Rays
-from timing import Figure, median_ratio
+from timing import Figure, Median, median_ratio
 
 FILE = Path(__file__).resolve()
 #: Packages that pip installs for each peer, itself first. Open3D links to libusb, which some systems lack.
@@ -176,7 +175,7 @@ def rates(who: str, found: list[Found], ours: list[Found]) -> Iterator[Told]:
         for mode in by_mode:
             about = {"version": found[0].version, "mode": mode}
             values = [one.per_second[name][mode] for one in found]
-            yield f"{who}/{name}/{mode}/per_second", statistics.median(values), "1/s", RUNS, about
+            yield f"{who}/{name}/{mode}/per_second", Median(values), "1/s", RUNS, about
             yield f"{who}/{name}/{mode}/differing_in_a_million", found[0].differing[name][mode], "1", 1, about
             for what, own in (("ours_over_it", BATCH), ("raycast_over_it", RAYCAST)):
                 if ours:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
 
 import flockstep
-from timing import Measured
+from timing import Measured, Median
 
 GENERATORS = ("office", "warehouse", "forest", "city", "playground")
 SEEDS = 20
@@ -39,5 +38,5 @@ def measure() -> Iterator[Measured]:
         yield f"plan/{name}/length_m", float(np.linalg.norm(legs, axis=1).sum()), "m", 1
         seconds.setdefault(name.split("/")[0] if name.split("/")[1].isdigit() else "bundled", []).append(took)
     for kind, times in seconds.items():
-        yield f"plan/{kind}/median_cpu_seconds", statistics.median(times), "s", len(times)
+        yield f"plan/{kind}/median_cpu_seconds", Median(times), "s", len(times)
         yield f"plan/{kind}/most_cpu_seconds", max(times), "s", len(times)

@@ -26,7 +26,7 @@ import server
 import table
 import tasks
 from flockstep import _core
-from timing import RUNS, Call, Figure, Measured, figure, in_turns, median_ratio, native, timed
+from timing import RUNS, Call, Figure, Measured, Median, figure, in_turns, median_ratio, native, timed
 
 ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out" / "bench"
@@ -42,8 +42,8 @@ def bench_step() -> list[Figure]:
     """
     times = in_turns({n: walled(stepping(n)) for n in SIZES})
     return [
-        *(figure(f"step/n{n}/steps_per_second", n / statistics.median(times[n]), "1/s", RUNS) for n in SIZES),
-        figure("step/n1/microseconds", 1e6 * statistics.median(times[1]), "us", RUNS),
+        *(figure(f"step/n{n}/steps_per_second", n / Median(times[n]), "1/s", RUNS) for n in SIZES),
+        figure("step/n1/microseconds", 1e6 * Median(times[1]), "us", RUNS),
         figure("step/bytes_per_drone", bytes_per_drone(), "B", 1),
         *native("lidar", "sweep", *SIZES),
         *native("camera", "sweep", *SIZES),
@@ -66,7 +66,7 @@ def worlds_of_their_own(n: int = 1024) -> list[Figure]:
     times = in_turns({"shared": lambda: statistics.mean(timer() for timer in shared), "apart": apart})
     return [
         figure(f"step/worlds{n}/ratio_to_one_world", median_ratio(times["shared"], times["apart"]), "1", RUNS),
-        figure(f"step/worlds{n}/steps_per_second", n / statistics.median(times["apart"]), "1/s", RUNS),
+        figure(f"step/worlds{n}/steps_per_second", n / Median(times["apart"]), "1/s", RUNS),
     ]
 
 
@@ -134,7 +134,7 @@ def capture_modes() -> list[Figure]:
             for label, mode in modes.items()
         }
         for label, seconds in in_turns(timers, warm_up=True).items():
-            us = 1e6 * statistics.median(seconds) / 64
+            us = 1e6 * Median(seconds) / 64
             figures.append(figure(f"camera_modes/{name}/{label}/microseconds_per_drone", us, "us", RUNS))
     return figures
 
@@ -186,12 +186,12 @@ def costs() -> list[Figure]:
     for name, setups in added.items():
         timers = {i: timed(setup(flockstep), 8, 0.05) for i, setup in enumerate(setups)}
         more, plain = in_turns(timers, warm_up=True).values()
-        ns = 1e9 * statistics.median(a - b for a, b in zip(more, plain, strict=True)) / DRONES
+        ns = 1e9 * Median(a - b for a, b in zip(more, plain, strict=True)) / DRONES
         ticks = dynamics_peers.TICKS if name.endswith("substep") else 1
         figures.append(figure(f"dynamics/cost/{name}", ns / ticks, "ns", RUNS))
     for name, (n, setup) in contacts.items():
         (seconds,) = in_turns({name: timed(setup(flockstep), 1, 0.05)}, warm_up=True).values()
-        ns = 1e9 * statistics.median(seconds) / (n * dynamics_peers.TICKS)
+        ns = 1e9 * Median(seconds) / (n * dynamics_peers.TICKS)
         figures.append(figure(f"dynamics/contact/{name}/ns_per_substep", ns, "ns", RUNS))
     return figures
 
@@ -217,8 +217,8 @@ def flown_steps(n: int = dynamics_peers.DRONES) -> list[Figure]:
     figures = []
     for name in steps:
         figures += [
-            figure(f"dynamics/{name}/ratio_to_substeps", statistics.median(ratios[name]), "1", RUNS),
-            figure(f"dynamics/{name}/steps_per_second", statistics.median(rates[name]), "1/s", RUNS),
+            figure(f"dynamics/{name}/ratio_to_substeps", Median(ratios[name]), "1", RUNS),
+            figure(f"dynamics/{name}/steps_per_second", Median(rates[name]), "1/s", RUNS),
         ]
     return figures
 

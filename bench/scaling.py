@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import statistics
 import time
 from collections.abc import Iterator
 from dataclasses import replace
 
 import compare_rows
 import flockstep
-from timing import Call, Measured, in_turns, timed
+from timing import Call, Measured, Median, in_turns, timed
 
 RUNS = 5
 #: Recipes of the board whose environments are stepped, and the number of drones.
@@ -39,7 +38,7 @@ def measure() -> Iterator[Measured]:
         recipe = replace(TRAININGS[name], steps=TRAININGS[name].steps // share)
         for n in threads:
             seconds = [training_seconds(recipe, seed, n) for seed in range(100, 103)]
-            rate = recipe.steps / statistics.median(seconds)
+            rate = recipe.steps / Median(seconds)
             yield f"scaling/training_steps_per_second/{name}/threads{n}", rate, "1/s", len(seconds)
 
 
@@ -47,4 +46,4 @@ def rates(name: str, count: int, calls: dict[int, Call]) -> Iterator[Measured]:
     """Return drones per second by number of threads."""
     timers = {n: timed(call, at_least_s=0.2, clock=time.perf_counter) for n, call in calls.items()}
     for n, seconds in in_turns(timers, RUNS).items():
-        yield f"scaling/{name}/threads{n}", count / statistics.median(seconds), "1/s", RUNS
+        yield f"scaling/{name}/threads{n}", count / Median(seconds), "1/s", RUNS

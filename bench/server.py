@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import flockstep
-from timing import Measured, in_turns, median_ratio, native, program, timed
+from timing import Measured, Median, in_turns, median_ratio, native, program, timed
 
 ROUNDS, CALLS = 9, 1000  # of round trips: medians of the rounds; calls in a round
 COUNTS = (1, 2, 4, 8, 16, 24, 32, 64, 128)  # clients at once, as in the thesis (bench/results/thesis.json)
@@ -128,7 +128,7 @@ def measure_round_trips(prefix: str) -> Iterator[Measured]:
         yield f"{prefix}/{name}/request", request, "B", 1
         yield f"{prefix}/{name}/reply", reply, "B", 1
     for (name, by), values in found.items():
-        yield f"{prefix}/{name}/{by}/p50", statistics.median(values), "us", ROUNDS
+        yield f"{prefix}/{name}/{by}/p50", Median(values), "us", ROUNDS
         if by != "tcp":
             yield f"{prefix}/{name}/{by}/ratio_to_tcp", median_ratio(values, found[name, "tcp"]), "1", ROUNDS
 
@@ -211,7 +211,7 @@ def measure_vector_env(prefix: str) -> Iterator[Measured]:
         }
         rates = {name: [DRONES / s for s in seconds] for name, seconds in in_turns(timers, ROUNDS).items()}
     for name, values in rates.items():
-        yield f"{prefix}/{name}", statistics.median(values), "1/s", ROUNDS
+        yield f"{prefix}/{name}", Median(values), "1/s", ROUNDS
     for name, ratio in (("remote", "ratio"), ("unix", "unix_ratio")):
         yield f"{prefix}/{ratio}", median_ratio(rates[name], rates["in_process"]), "1", ROUNDS
 
@@ -292,11 +292,11 @@ def measure_streams(prefix: str) -> Iterator[Measured]:
             with running([program("server"), "encode", CAMERAS, STREAM_HZ]):
                 stepping_rate(client, 0.5)
                 beside.append(1 - stepping_rate(client) / unwatched[-1])
-    yield f"{prefix}/steps_per_second", statistics.median(unwatched), "1/s", ROUNDS
-    yield f"{prefix}/steps_per_second_watched", statistics.median(watched), "1/s", ROUNDS
-    yield f"{prefix}/images_per_second", statistics.median(images), "1/s", ROUNDS
-    yield f"{prefix}/steps_lost", statistics.median(lost), "1", ROUNDS
-    yield f"{prefix}/steps_lost_beside_encoding", statistics.median(beside), "1", ROUNDS
+    yield f"{prefix}/steps_per_second", Median(unwatched), "1/s", ROUNDS
+    yield f"{prefix}/steps_per_second_watched", Median(watched), "1/s", ROUNDS
+    yield f"{prefix}/images_per_second", Median(images), "1/s", ROUNDS
+    yield f"{prefix}/steps_lost", Median(lost), "1", ROUNDS
+    yield f"{prefix}/steps_lost_beside_encoding", Median(beside), "1", ROUNDS
 
 
 def stepping_rate(client: flockstep.client.Client, seconds: float = STREAM_S) -> float:

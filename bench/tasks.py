@@ -5,7 +5,6 @@ The last policy of each training is judged, in worlds and flights that nothing e
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +14,7 @@ import numpy as np
 
 import flockstep
 from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, Verdict, best_of, judge, train
-from timing import Measured, in_turns, timed
+from timing import Measured, Median, in_turns, timed
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Rows of trainings by bench.
@@ -73,7 +72,7 @@ def measure_race() -> Iterator[Measured]:
         times = in_turns(timers, RUNS)
         for name, replay in replays.items():
             subject = f"race/{name}_gates/{ticks}_ticks"
-            yield f"{subject}/step", 1e6 * statistics.median(times[name]) / DRONES, "us", RUNS
+            yield f"{subject}/step", 1e6 * Median(times[name]) / DRONES, "us", RUNS
             yield f"{subject}/episodes_per_step", replay.ended, "1", 1
     bound = race_bound.Args()
     lap_s = race_bound.lap_s(flockstep.World.load("race/figure-8"), bound.thrust_to_weight, bound.parts)

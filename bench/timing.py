@@ -20,9 +20,40 @@ Measured = tuple[str, float, str, int]  # name, value, unit, runs
 RUNS = 7
 
 
+class Median(float):
+    """The median of some runs, with the least and the greatest; a product or quotient with a number has them, too."""
+
+    least: float
+    greatest: float
+
+    def __new__(cls, values: Iterable[float]) -> Median:
+        values = list(values)
+        made = super().__new__(cls, statistics.median(values))
+        made.least, made.greatest = min(values), max(values)
+        return made
+
+    def _each(self, change: Callable[[float], float]) -> Median:
+        made = super().__new__(Median, change(float(self)))
+        made.least, made.greatest = sorted((change(self.least), change(self.greatest)))
+        return made
+
+    def __mul__(self, factor: float) -> Median:
+        return self._each(lambda value: value * factor)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, divisor: float) -> Median:
+        return self._each(lambda value: value / divisor)
+
+    def __rtruediv__(self, count: float) -> Median:
+        return self._each(lambda value: count / value)
+
+
 def figure(name: str, value: float, unit: str, runs: int, **more: Any) -> Figure:
-    """Return a figure as bench/table.py reads it."""
-    return {"name": name, "value": float(f"{value:.4g}"), "unit": unit, "runs": runs, **more}
+    """Return a figure as bench/table.py reads it; that of a `Median` has the least and the greatest value, too."""
+    ends = {"least": value.least, "greatest": value.greatest} if isinstance(value, Median) else {}
+    number, *spread = (float(f"{each:.4g}") for each in (value, *ends.values()))
+    return {"name": name, "value": number, "unit": unit, "runs": runs, **dict(zip(ends, spread, strict=True)), **more}
 
 
 def program(name: str) -> Path:
@@ -74,6 +105,6 @@ def in_turns(timers: Mapping[K, Timer], runs: int = RUNS, warm_up: bool = False)
     return times
 
 
-def median_ratio(these: Iterable[float], those: Iterable[float]) -> float:
+def median_ratio(these: Iterable[float], those: Iterable[float]) -> Median:
     """Return the median of the ratios of each run."""
-    return statistics.median(a / b for a, b in zip(these, those, strict=True))
+    return Median(a / b for a, b in zip(these, those, strict=True))

@@ -7,7 +7,6 @@ flies once for the report: the bundled playgrounds, and 100 generated ones that 
 from __future__ import annotations
 
 import dataclasses
-import statistics
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import NamedTuple
 
 import flockstep
 from flockstep.trainings import UNSEEN_SEEDS
-from timing import Figure, Measured, figure
+from timing import Figure, Measured, Median, figure
 
 sys.path.append(str(Path(__file__).resolve().parent.parent))
 from training.evaluate import MAX_STEPS, baselines, fly, greedy, summary
@@ -69,7 +68,7 @@ def task_figures(args: Args, seeds: Sequence[int] = SEEDS, out: Path = OUT) -> I
             if flyer == "random_policy" or not worlds.random_start:  # the others do not support spawn boxes
                 yield worlds.figure(f"{args.task}/{flyer}", rate, note)
     for part in outcomes[0].seconds_by_part:
-        us = statistics.median(1e6 * outcome.seconds_by_part[part] / outcome.steps for outcome in outcomes)
+        us = Median(1e6 * outcome.seconds_by_part[part] / outcome.steps for outcome in outcomes)
         name = f"train/{args.task}/microseconds_per_step/{part.replace(', ', '_').replace(' ', '_')}"
         yield figure(name, us, "us", len(outcomes))
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import os
 import pickle
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -19,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from timing import Measured
+from timing import Measured, Median
 
 RUNS = 3
 NUM_ENVS = 64
@@ -191,7 +190,7 @@ def measure() -> Iterator[Measured]:
                     workers = [worker for _ in range(RUNS) for worker in started(case, path, processes, forks)]
                     for figure in workers[0]:
                         unit = "MB" if figure.endswith("_mb") else "s"
-                        value = statistics.median(worker[figure] for worker in workers)
+                        value = Median(worker[figure] for worker in workers)
                         yield f"workers/{case}/{name}{count}/{figure}", value, unit, RUNS
             yield from pickled(case, path)
 

@@ -27,6 +27,7 @@ Rows = Mapping[str, Callable[[], Iterable[Measured | Figure]]]
 JOBS = {
     "lidar": "experiments:lidar",
     "camera": "experiments:camera",
+    "claims": "claims:claims",
 }
 
 

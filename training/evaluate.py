@@ -31,7 +31,7 @@ from stable_baselines3 import PPO
 import flockstep
 from flockstep.evaluation import first_episodes
 from flockstep.trainings import UNSEEN_SEEDS
-from training.tasks import Setup, load_policy, setup_of
+from training.tasks import Setup, fly_routes, load_policy, setup_of
 
 #: Maximum number of control steps in a successful flight of a built-in task.
 MAX_STEPS = 1000
@@ -132,22 +132,6 @@ def random_policy(setup: Setup) -> Policy:
     return act
 
 
-def fly_routes(worlds: Sequence[flockstep.World], routes: Sequence[npt.NDArray[np.float32] | None]) -> list[bool]:
-    """Fly straight along a route (K, 3) in each world; return True for each arrival without a collision.
-
-    A missing route counts as a failure.
-    """
-    batch = flockstep.Batch(list(worlds), len(worlds))
-    points = [world.start[None] if route is None else route for world, route in zip(worlds, routes, strict=True)]
-    count = max(map(len, points))  # shorter ones stay at their end
-    targets = np.stack([np.pad(p, ((0, count - len(p)), (0, 0)), mode="edge") for p in points]).astype(np.float32)
-    safe = np.array([route is not None for route in routes])
-    batch.set_pose(targets[:, 0])
-    for leg in range(1, count):
-        safe &= ~batch.move(targets[:, leg]).hit
-    return [bool(came) for came in safe]
-
-
 def baselines(worlds: Sequence[flockstep.World], setup: Setup, random_start: bool = False) -> dict[str, float]:
     """Return the success rates of baselines without training, in the same worlds.
 
@@ -204,7 +188,8 @@ class Args:
     repeats: int = 1
     """Flights in each of these; with built-in tasks, repeated flights start at random positions in the spawn box."""
     generated: int | None = None
-    """Number of additional generated playgrounds, never used in training. Default: 100, or none for your own task."""
+    """Number of additional generated playgrounds, never used in training, and of ones in which every leg is blocked.
+    Default: 100, or none for your own task."""
     max_episode_steps: int | None = None
     """A longer flight is a time-out. Default: 3000, or the limit of your own task."""
     shortest: bool = True
@@ -224,10 +209,12 @@ def main(args: Args) -> None:
     generated = (0 if setup.is_own else 100) if args.generated is None else args.generated
     if generated:
         groups["generated"] = setup.generated(UNSEEN_SEEDS, generated)
+        groups["generated, every leg blocked"] = setup.generated(UNSEEN_SEEDS, generated, ahead=False, blocked=True)
     seed = UNSEEN_SEEDS.start if setup.is_own else 0  # your own task may use it to draw starts and targets
     result: dict[str, Any] = {}
     for name, worlds in groups.items():
-        random_start = args.repeats > 1 and name != "generated" and not setup.is_own
+        is_generated = name.startswith("generated")
+        random_start = args.repeats > 1 and not is_generated and not setup.is_own
         flights = fly(policy, worlds, args.max_episode_steps, args.shortest, setup, random_start, seed)
         rows = [{k: v for k, v in asdict(flight).items() if k != "trail"} for flight in flights]
         result[name] = {"summary": summary(flights), "flights": rows}
@@ -240,7 +227,7 @@ def main(args: Args) -> None:
             result[name]["note"] = setup.generated_note
             print(f"  {setup.generated_note}")
         for flight in flights:
-            if name != "generated" or flight.outcome != "success":
+            if not is_generated or flight.outcome != "success":
                 print(f"  {flight.world}: {flight.outcome} after {flight.steps} steps, reward {flight.reward:,.1f}")
     if args.json:
         args.json.parent.mkdir(parents=True, exist_ok=True)

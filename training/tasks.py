@@ -7,6 +7,7 @@ import importlib
 import os
 import sys
 import zipfile
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import ModuleType
@@ -38,6 +39,13 @@ EXPECTED = f"{', '.join(OBSERVATIONS)}, an id of flockstep's, module:id or modul
 # the drone, in view unless a pillar hides it.
 CAMERA_HEIGHT_M = 3.12
 CAMERA_SIDEWAYS_M = 2.5
+
+# Pillars that block a leg: their distance from markers and, at first, from other pillars is as in the generator. They
+# stand at most BESIDE_M from the leg along x and y.
+MARKER_CLEARANCE_M = 0.9
+PILLAR_GAP_M = 1.4
+BESIDE_M = 0.3
+PILLAR_TRIES = 200
 
 
 #: Warning of every program here that loads a policy.
@@ -216,8 +224,17 @@ class Setup:
             "their waypoints are removed, and start and goal are set to the same height."
         )
 
-    def generated(self, seeds: range, count: int) -> list[flockstep.World]:
+    def generated(self, seeds: range, count: int, ahead: bool = True, blocked: bool = False) -> list[flockstep.World]:
         """Return this many suitable playgrounds, generated from the first of these seeds.
+
+        Parameters
+        ----------
+        seeds, count
+            Seeds to generate from, and the number of playgrounds.
+        ahead
+            For camera tasks, leave out goals that are far to the side of the start.
+        blocked
+            Add pillars, so that the straight flight of every leg crashes.
 
         Raises
         ------
@@ -228,11 +245,16 @@ class Setup:
         for seed in seeds:
             if len(worlds) == count:
                 break
-            world = flockstep.World.playground(seed=seed)
-            if not self.has_camera:
+            world: flockstep.World | None = flockstep.World.playground(seed=seed)
+            assert world is not None
+            if self.has_camera:
+                if ahead and abs(world.goal[1] - world.start[1]) > CAMERA_SIDEWAYS_M:
+                    continue
+                world = without_waypoints(world)
+            if blocked:
+                world = with_blocked_legs(world, seed)
+            if world is not None:
                 worlds.append(world)
-            elif abs(world.goal[1] - world.start[1]) <= CAMERA_SIDEWAYS_M:
-                worlds.append(without_waypoints(world))
         if len(worlds) < count:
             raise ValueError(f"count: expected at most {len(worlds)}, as many as {seeds} give, got {count}")
         return worlds
@@ -248,6 +270,45 @@ def without_waypoints(world: flockstep.World) -> flockstep.World:
     for corner, side in (("min", -1), ("max", 1)):
         markers["spawn_box"][corner][2] = CAMERA_HEIGHT_M + 0.25 * side
     return flockstep.World.from_dict(scene)
+
+
+def with_blocked_legs(world: flockstep.World, seed: int) -> flockstep.World | None:
+    """Return a playground with a further pillar on each leg that can be flown straight, or None if one does not fit."""
+    scene, random = world.to_dict(), np.random.default_rng(seed)
+    pillars = scene["cylinders"]
+    route = np.stack([world.start, *world.waypoints, world.goal])
+    legs = np.stack([route[:-1], route[1:]], axis=1)
+    for leg in legs[fly_routes([world] * len(legs), list(legs))]:
+        for gap_m in np.linspace(PILLAR_GAP_M, 0, PILLAR_TRIES):
+            flat = leg[0, :2] + random.random() * (leg[1] - leg[0])[:2] + random.uniform(-BESIDE_M, BESIDE_M, 2)
+            apart = np.linalg.norm([each["center"][:2] - flat for each in pillars], axis=1) - 2 * pillars[0]["radius"]
+            clear = np.linalg.norm(route[:, :2] - flat, axis=1) - pillars[0]["radius"]
+            if apart.min() < gap_m or clear.min() < MARKER_CLEARANCE_M:
+                continue
+            pillar = {**pillars[0], "center": [*np.round(flat, 2).tolist(), pillars[0]["center"][2]]}
+            made = flockstep.World.from_dict({**scene, "cylinders": [*pillars, pillar]})
+            if not fly_routes([made], [leg])[0] and flockstep.plan(made, route[0], route[1:]) is not None:
+                pillars.append(pillar)
+                break
+        else:
+            return None
+    return flockstep.World.from_dict(scene)
+
+
+def fly_routes(worlds: Sequence[flockstep.World], routes: Sequence[npt.NDArray[np.float32] | None]) -> list[bool]:
+    """Fly straight along a route (K, 3) in each world; return True for each arrival without a collision.
+
+    A missing route counts as a failure.
+    """
+    batch = flockstep.Batch(list(worlds), len(worlds))
+    points = [world.start[None] if route is None else route for world, route in zip(worlds, routes, strict=True)]
+    count = max(map(len, points))  # shorter ones stay at their end
+    targets = np.stack([np.pad(p, ((0, count - len(p)), (0, 0)), mode="edge") for p in points]).astype(np.float32)
+    safe = np.array([route is not None for route in routes])
+    batch.set_pose(targets[:, 0])
+    for leg in range(1, count):
+        safe &= ~batch.move(targets[:, leg]).hit
+    return [bool(came) for came in safe]
 
 
 def remember(model: BaseAlgorithm, setup: Setup) -> None:

@@ -163,7 +163,12 @@ def test_a_wheel_with_what_opencv_would_bring_is_refused(wheel, tmp_path, monkey
     def made(*libraries):
         licence = "flockstep-0.1.0.dist-info/licenses/third_party/libopencv-core-dev.txt"
         with zipfile.ZipFile(tmp_path / "made.whl", "w") as archive:
-            for name in ("flockstep/scenes/room.json", licence, *(f"flockstep.libs/{name}" for name in libraries)):
+            for name in (
+                "flockstep/scenes/room.json",
+                "flockstep/policies/race.zip",
+                licence,
+                *(f"flockstep.libs/{name}" for name in libraries),
+            ):
                 archive.writestr(name, "")
         return tmp_path / "made.whl"
 

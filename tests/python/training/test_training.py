@@ -211,7 +211,7 @@ def test_camera_tasks_train_fly_and_are_drawn(train, tmp_path, task):
     result = tmp_path / "result.json"
     evaluate.main(evaluate.Args(policy, repeats=2, generated=2, max_episode_steps=40, shortest=False, json=result))
     judged = json.loads(result.read_text())
-    counts = {"camera-train": 4, "camera-validation": 4, "generated": 2}
+    counts = {"camera-train": 4, "camera-validation": 4, "generated": 2, "generated, every leg blocked": 2}
     assert {key: judged[key]["summary"]["flights"] for key in counts} == counts
     for group in judged.values():
         assert sum(group["summary"][f"{end}_rate"] for end in evaluate.OUTCOMES) == pytest.approx(1)
