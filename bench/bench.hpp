@@ -65,20 +65,36 @@ inline void print_rates(const std::string& name, const std::vector<Variant>& var
   }
 }
 
-// Returns the median of a / b over the rounds.
-inline double median_ratio(const std::vector<double>& a, const std::vector<double>& b) {
-  std::vector<double> ratios;
-  for (std::size_t i = 0; i < a.size(); ++i) ratios.push_back(a[i] / b[i]);
-  return median(ratios);
+// Returns a / b of each round.
+inline std::vector<double> ratios(const std::vector<double>& a, const std::vector<double>& b) {
+  std::vector<double> found;
+  for (std::size_t i = 0; i < a.size(); ++i) found.push_back(a[i] / b[i]);
+  return found;
+}
+
+inline double median_ratio(const std::vector<double>& a, const std::vector<double>& b) { return median(ratios(a, b)); }
+
+// Returns count / time of each round.
+inline std::vector<double> rates(const std::vector<double>& times, double count) {
+  std::vector<double> found;
+  for (const double time : times) found.push_back(count / time);
+  return found;
 }
 
 class Figures {
  public:
-  void add(const std::string& name, double value, const std::string& unit, int runs) {
+  void add(const std::string& name, double value, const std::string& unit, int runs, const std::string& more = "") {
     char line[512];
-    std::snprintf(line, sizeof(line), R"({"name": "%s", "value": %.6g, "unit": "%s", "runs": %d})", name.c_str(), value,
-                  unit.c_str(), runs);
+    std::snprintf(line, sizeof(line), R"({"name": "%s", "value": %.6g, "unit": "%s", "runs": %d%s})", name.c_str(), value,
+                  unit.c_str(), runs, more.c_str());
     lines_.emplace_back(line);
+  }
+  // Adds the median of some runs, with the least and the greatest.
+  void add(const std::string& name, const std::vector<double>& values, const std::string& unit) {
+    const auto [least, greatest] = std::minmax_element(values.begin(), values.end());
+    char more[96];
+    std::snprintf(more, sizeof(more), R"(, "least": %.6g, "greatest": %.6g)", *least, *greatest);
+    add(name, median(values), unit, static_cast<int>(values.size()), more);
   }
   void print() const {
     std::printf("[\n");

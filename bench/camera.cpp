@@ -306,18 +306,18 @@ void bench_case(const std::string& name, const std::shared_ptr<const flockstep::
                  100.0 * share);
     std::exit(1);
   };
-  const auto rate = [&](std::size_t v) { return size.num_drones / bench::median(times[v]); };
+  const auto rate = [&](std::size_t v) { return bench::rates(times[v], size.num_drones); };
   const std::size_t best = bench::fastest(times, engines.size(), variants.size());
   for (std::size_t v = 0; v < engines.size(); ++v) {
     const std::string figure = "camera/" + engines[v].name + at;
-    figures.add(figure + "frames_per_second", rate(v), "1/s", kRuns);
+    figures.add(figure + "frames_per_second", rate(v), "1/s");
     if (bare == nullptr) continue;
     require_alike(engines[v].name, engines[v].depth());
-    figures.add(figure + "ratio_to_bare_embree", bench::median_ratio(times[best], times[v]), "1", kRuns);
+    figures.add(figure + "ratio_to_bare_embree", bench::ratios(times[best], times[v]), "1");
   }
   if (bare == nullptr) return;
   require_alike("bare Embree", cameras.depth);
-  figures.add("camera/raycast" + at + "bare_embree_frames_per_second", rate(best), "1/s", kRuns);
+  figures.add("camera/raycast" + at + "bare_embree_frames_per_second", rate(best), "1/s");
 }
 
 }  // namespace

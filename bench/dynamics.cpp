@@ -132,7 +132,7 @@ bench::Variant variant(const std::string& label, const Airframe& frame, const Dy
   return {label, [flying = std::make_shared<Flying>(frame, config, wind)] { (*flying)(); }};
 }
 
-double million_per_second(const std::vector<double>& times) { return kSubsteps / bench::median(times) / 1e6; }
+std::vector<double> million_per_second(const std::vector<double>& times) { return bench::rates(times, kSubsteps / 1e6); }
 
 // ----------------------------------------------------------------------------------------- compared with the bare kernel
 
@@ -188,9 +188,9 @@ void beside_bare(const std::string& name, Integrator integrator, bench::Figures&
   const bench::Times times = bench::interleave(
       {{"engine", [&] { engine(); }}, {"bare", [&] { bare(false); }}, {"bare fused", [&] { bare(true); }}}, kRuns, kSlice);
   const std::string at = "dynamics/" + name;
-  figures.add(at + "/ratio_to_bare", bench::median_ratio(times[1], times[0]), "1", kRuns);
-  figures.add(at + "/ratio_to_bare_fused", bench::median_ratio(times[2], times[0]), "1", kRuns);
-  figures.add(at + "/million_substeps_per_second", million_per_second(times[0]), "1/s", kRuns);
+  figures.add(at + "/ratio_to_bare", bench::ratios(times[1], times[0]), "1");
+  figures.add(at + "/ratio_to_bare_fused", bench::ratios(times[2], times[0]), "1");
+  figures.add(at + "/million_substeps_per_second", million_per_second(times[0]), "1/s");
 }
 
 // ------------------------------------------------------------------------------------------------- controllers and terms
@@ -209,7 +209,7 @@ void controllers(bench::Figures& figures) {
   variants.push_back(variant("everything", with_every_term(), all, wind));
   const bench::Times times = bench::interleave(variants, kRuns, kSlice);
   for (std::size_t v = 0; v < variants.size(); ++v) {
-    figures.add("dynamics/" + variants[v].label + "/million_substeps_per_second", million_per_second(times[v]), "1/s", kRuns);
+    figures.add("dynamics/" + variants[v].label + "/million_substeps_per_second", million_per_second(times[v]), "1/s");
   }
 }
 
@@ -236,7 +236,7 @@ void terms(bench::Figures& figures) {
     for (std::size_t run = 0; run < times[v].size(); ++run) {
       ns.push_back(1e9 * (times[v][run] - (v > 0 ? times[0][run] : 0.0)) / kSubsteps);
     }
-    figures.add("dynamics/cost/" + variants[v].label + "/ns_per_substep", bench::median(ns), "ns", kRuns);
+    figures.add("dynamics/cost/" + variants[v].label + "/ns_per_substep", ns, "ns");
   }
 }
 
@@ -250,7 +250,7 @@ int main(int argc, char** argv) {
     const bench::Variant rates = variant("rates", kingfisher(), by_rotors(Control::body_rates));
     bench::interleave({rates}, kRuns / 2, kTurn);  // warm-up
     const bench::Times times = bench::interleave({rates}, kRuns, kTurn);
-    figures.add("dynamics/rates_alone/million_substeps_per_second", million_per_second(times[0]), "1/s", kRuns);
+    figures.add("dynamics/rates_alone/million_substeps_per_second", million_per_second(times[0]), "1/s");
     figures.print();
     return 0;
   }

@@ -254,22 +254,22 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
   const flockstep::FlushDenormals flush;
   const bench::Times times = bench::interleave(variants, kRuns);
   bench::print_rates(name, variants, times, static_cast<double>(n), "scans/s");
-  const auto per_second = [&](std::size_t v) { return static_cast<double>(n) / bench::median(times[v]); };
+  const auto per_second = [&](std::size_t v) { return bench::rates(times[v], static_cast<double>(n)); };
   const auto ratio = [&](const std::string& figure, std::size_t v) {
-    figures.add("lidar/" + figure, bench::median_ratio(times[v], times[0]), "1", kRuns);
+    figures.add("lidar/" + figure, bench::ratios(times[v], times[0]), "1");
   };
   const std::size_t best = bench::fastest(times, first_analytic, end_of_bare);
   ratio(name + "/ratio_to_bare_embree", best);
-  figures.add("lidar/" + name + "/scans_per_second", per_second(0), "1/s", kRuns);
-  figures.add("lidar/" + name + "/bare_embree_scans_per_second", per_second(best), "1/s", kRuns);
+  figures.add("lidar/" + name + "/scans_per_second", per_second(0), "1/s");
+  figures.add("lidar/" + name + "/bare_embree_scans_per_second", per_second(best), "1/s");
   const std::string by_packets = "lidar/embree_" + name;
-  figures.add(by_packets + "/ratio_to_bare_embree", bench::median_ratio(times[best], times[end_of_bare]), "1", kRuns);
-  figures.add(by_packets + "/scans_per_second", per_second(end_of_bare), "1/s", kRuns);
+  figures.add(by_packets + "/ratio_to_bare_embree", bench::ratios(times[best], times[end_of_bare]), "1");
+  figures.add(by_packets + "/scans_per_second", per_second(end_of_bare), "1/s");
   if (!has_primitives) return;
   const std::size_t best_triangles = bench::fastest(times, first_triangles, end_of_bare);
   ratio("direct_" + name + "/ratio_to_bare_embree", best_triangles);
   ratio("direct_" + name + "/ratio_to_bare_direct", 1);
-  figures.add("lidar/direct_" + name + "/bare_embree_scans_per_second", per_second(best_triangles), "1/s", kRuns);
+  figures.add("lidar/direct_" + name + "/bare_embree_scans_per_second", per_second(best_triangles), "1/s");
 }
 
 // A world of thousands of upright cylinders on a floor.

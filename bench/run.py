@@ -49,7 +49,6 @@ def bench_step() -> list[Figure]:
         *native("camera", "sweep", *SIZES),
         *worlds_of_their_own(),
         *tasks_in_python(),
-        *native("stages"),
     ]
 
 
@@ -248,7 +247,7 @@ class Bench(NamedTuple):
 #: Benchmarks by name. Those apart, which take hours, or download other programs, run only if named.
 BENCHES = {
     "lidar": Bench("the LiDAR stage beside Embree alone and beside a direct loop", partial(native, "lidar")),
-    "step": Bench("steps, scans and images by number of drones; stages and memory of a step", bench_step),
+    "step": Bench("steps, scans and images by number of drones; memory of a step", bench_step),
     "camera": Bench("cameras beside Embree alone, by size, world and backend; capture modes; memory", bench_camera),
     "camera_train": Bench("the task that observes a green blob, by train_ppo, five seeds", "trained:camera", True),
     "pixels_train": Bench("the task that observes the image, by train_ppo, five seeds", "trained:pixels", True),

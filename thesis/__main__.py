@@ -28,6 +28,7 @@ JOBS = {
     "lidar": "experiments:lidar",
     "camera": "experiments:camera",
     "claims": "claims:claims",
+    "profile": "claims:profile",
 }
 
 

@@ -7,7 +7,10 @@ and ones in which every leg is. For the camera task there are also goals far to 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -16,7 +19,7 @@ import numpy.typing as npt
 
 import flockstep
 from flockstep.trainings import CHOOSING_SEEDS, TRAININGS, UNSEEN_SEEDS, judge
-from timing import Figure, Measured, figure
+from timing import Figure, Measured, Median, figure, native
 from training.evaluate import Policy, fly, greedy, shortest_path
 from training.tasks import Setup, fly_routes
 
@@ -27,6 +30,8 @@ WORLDS = 2000
 BLOCKS = 10  # of worlds; the spread is that of their success rates
 CHOSEN_BY = 200  # worlds that choose the settings of the reactive rule, from seeds of their own
 MAX_STEPS = 500  # of a flight
+SIZES = (1, 1024, 16384)  # envs of which the start is timed
+STARTS = 5
 RANGE_M = 3.0
 FAN_DEG = {"lidar": 270.0, "camera": 180.0}
 #: Settings of the reactive rule that are tried: its reach in m, its strength, and how far it turns aside in degrees.
@@ -109,3 +114,35 @@ def claims() -> Mapping[str, Callable[[], Figures]]:
         "camera_blocked": partial(claimed, "camera", ahead=False, blocked=True),
         "bundled": bundled,
     }
+
+
+STARTED = """
+import json, time
+times = [time.perf_counter()]
+import gymnasium, flockstep
+times.append(time.perf_counter())
+envs = gymnasium.make_vec({env!r}, num_envs={count})
+times.append(time.perf_counter())
+envs.reset(seed=0)
+times.append(time.perf_counter())
+envs.step(envs.action_space.sample())
+times.append(time.perf_counter())
+print(json.dumps(times))
+"""
+
+
+def started() -> Figures:
+    """Time new processes from the import to the end of the first step."""
+    for name in ("Hover", "LidarNavigation", "CameraNavigation"):
+        for count in SIZES:
+            program = STARTED.format(env=f"flockstep/{name}-v0", count=count)
+            command = [sys.executable, "-c", program]
+            runs = [json.loads(subprocess.check_output(command, text=True)) for _ in range(STARTS)]
+            for i, part in enumerate(("import", "make", "reset", "first_step")):
+                yield f"{name}/n{count}/{part}", Median(run[i + 1] - run[i] for run in runs), "s", STARTS
+            yield f"{name}/n{count}/all", Median(run[-1] - run[0] for run in runs), "s", STARTS
+
+
+def profile() -> Mapping[str, Callable[[], Iterable[Measured | Figure]]]:
+    """Return the rows of the profile: the stages of a step, and the start of a program."""
+    return {"stages": partial(native, "stages"), "start": started}
