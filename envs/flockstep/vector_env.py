@@ -105,8 +105,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         the time.
     drone_mesh
         A `DroneMesh`, or a `World` of triangles, that shows the drones in perspective views, from behind and from a
-        fixed point, and to the cameras of other drones, if these see each other. Default: in views a shape made from
-        the drone's model, arms and rotors if it has rotors, otherwise its hull; for cameras its hull. LiDARs and
+        fixed point, and to the cameras of other drones, if these see each other. Default: in views
+        `DroneMesh.quadrotor` if the model has rotors, otherwise its hull; for cameras its hull. LiDARs and
         collisions always use the hull of ``drone``.
     **keywords
         Fields of the env's `Recipe` and of its configurations, as follows. The task sets their defaults. One
