@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import stable_baselines3
+import torch
 
 import flockstep
 from flockstep.evaluation import first_episodes
@@ -24,6 +26,7 @@ from timing import Measured
 POLICIES = Path(__file__).resolve().parents[1] / "out" / "thesis" / "policies"
 SEEDS = range(5)
 MAX_STEPS = 1000  # of a flight; a successful one takes about a hundred
+OTHERS_STEPS = 3_686_400  # of the other algorithms, a tenth of the thesis's steps
 SAMPLED = 50  # flights through each playground with sampled actions, as in training
 
 Figures = Iterator[Measured | dict[str, Any]]
@@ -59,18 +62,34 @@ def flights(model: Any, experiment: Preset, worlds: str, times: int = 1) -> Iter
 
 def trained(experiment: Preset, name: str, seed: int, training: str, validation: str) -> Figures:
     """Train by a table of the thesis, and fly through its playgrounds."""
-    curve, envs = Curve(), experiment.make_envs(num_threads=1)
+    envs = experiment.make_envs(num_threads=1)
     model = flockstep.PPO("MlpPolicy", envs, seed=seed, num_threads=1, **experiment)
-    begun = time.process_time()
-    model.learn(experiment.steps, [curve], log_interval=None)
-    seconds = time.process_time() - begun
+    yield from learned(model, experiment, experiment.steps, training, validation)
     POLICIES.mkdir(parents=True, exist_ok=True)
     model.save(POLICIES / f"{name}.zip")
     envs.close()
+
+
+def trained_by(algorithm: str, experiment: Preset, training: str, validation: str) -> Figures:
+    """Train by the defaults of another algorithm of Stable-Baselines3."""
+    envs = experiment.make_envs(num_threads=1)
+    learner = getattr(stable_baselines3, algorithm)
+    torch.set_num_threads(1)
+    model = learner("MlpPolicy", flockstep.sb3.DroneVecEnv(envs), seed=0, device="cpu")
+    yield from learned(model, experiment, OTHERS_STEPS, training, validation)
+    envs.close()
+
+
+def learned(model: Any, experiment: Preset, steps: int, training: str, validation: str) -> Figures:
+    """Train a model, and fly it through the playgrounds."""
+    curve, begun = Curve(), time.process_time()
+    model.learn(steps, [curve], log_interval=None)
+    seconds = time.process_time() - begun
     yield from judged(model, experiment, training, validation)
-    positive = next((steps for steps, reward in curve.points if reward > 0), float("nan"))
-    yield "first_positive", positive, "", 1
-    yield "steps_per_second", experiment.steps / seconds, "1/s", 1
+    positive = [steps for steps, reward in curve.points if reward > 0]
+    if positive:
+        yield "first_positive", positive[0], "", 1
+    yield "steps_per_second", steps / seconds, "1/s", 1
     thinned = curve.points[:: max(len(curve.points) // 150, 1)]
     yield {"name": "reward", "value": curve.points[-1][1], "unit": "", "runs": 1, "curve": thinned}
 
@@ -98,7 +117,8 @@ def lidar() -> Mapping[str, Callable[[], Figures]]:
     unit = {f"unit_{seed}": partial(trained, flockstep.thesis.lidar(), f"lidar_unit_{seed}", seed) for seed in SEEDS}
     largest = partial(trained, flockstep.thesis.lidar("maximum"), "lidar_largest_0", 0)
     again = partial(sampled, [f"lidar_unit_{seed}" for seed in SEEDS], flockstep.thesis.lidar())
-    rows = {**unit, "sampled": again, "largest_0": largest}
+    others = {name.lower(): partial(trained_by, name, flockstep.thesis.lidar()) for name in ("A2C", "DQN")}
+    rows = {**unit, "sampled": again, "largest_0": largest, **others}
     return {row: partial(each, "train", "validation") for row, each in rows.items()}
 
 
