@@ -197,3 +197,7 @@ def draw() -> None:
     for name, each in PICTURES.items():
         print(f"== pictures, {name}", flush=True)
         each()
+
+
+if __name__ == "__main__":
+    draw()

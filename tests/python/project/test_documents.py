@@ -51,6 +51,7 @@ SOURCES = (
     "scenes",
     "server",
     "tests",
+    "thesis",
     "tools",
     "training",
 )
