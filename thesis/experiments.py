@@ -17,13 +17,15 @@ import stable_baselines3
 import torch
 
 import flockstep
-from flockstep.evaluation import first_episodes
-from flockstep.registration import make_same_step
+from flockstep.registration import make_by_id
 from flockstep.trainings.learning import Callback
 from flockstep.trainings.presets import Preset
 from timing import Measured
+from training.evaluate import Flight, first_flights
+from training.plot_paths import plot_overview
 
 POLICIES = Path(__file__).resolve().parents[1] / "out" / "thesis" / "policies"
+IMAGES = POLICIES.parents[2] / "docs" / "images"
 SEEDS = range(5)
 MAX_STEPS = 1000  # of a flight; a successful one takes about a hundred
 OTHERS_STEPS = 3_686_400  # of the other algorithms, a tenth of the thesis's steps
@@ -45,19 +47,12 @@ class Curve(Callback):
             self.points.append((self.model.num_timesteps, round(float(np.mean([each["r"] for each in ended])), 1)))
 
 
-def flights(model: Any, experiment: Preset, worlds: str, times: int = 1) -> Iterator[tuple[str, bool, float]]:
-    """Fly through each world; yield its name, whether the drone arrived, and the reward.
-
-    Once by the likeliest actions, and more often by sampled ones.
-    """
+def flights(model: Any, experiment: Preset, worlds: str, times: int = 1) -> list[Flight]:
+    """Fly through each world: once by the likeliest actions, and more often by sampled ones."""
     scenes = flockstep.scenes.load(worlds) * times
     keywords = {**experiment.keywords(), "worlds": scenes, "max_episode_steps": MAX_STEPS}
-    envs = make_same_step("thesis", experiment.env, len(scenes), **keywords)
-    ends = first_episodes(lambda seen: model.predict(seen, deterministic=times == 1)[0], envs, "thesis", 0)
-    for world, end in zip(scenes, ends, strict=True):
-        arrived = flockstep.EpisodeEnd(end["episode_end"]) is flockstep.EpisodeEnd.success
-        yield world.name, arrived, float(end["episode"]["r"])
-    envs.close()
+    envs = make_by_id(experiment.env, len(scenes), autoreset_mode="disabled", **keywords)
+    return first_flights(lambda seen: model.predict(seen, deterministic=times == 1)[0], envs, scenes)
 
 
 def trained(experiment: Preset, name: str, seed: int, training: str, validation: str) -> Figures:
@@ -97,10 +92,11 @@ def learned(model: Any, experiment: Preset, steps: int, training: str, validatio
 def judged(model: Any, experiment: Preset, training: str, validation: str) -> Figures:
     """Fly through the playgrounds of training and validation."""
     for kind, worlds in (("training", training), ("validation", validation)):
-        flown = list(flights(model, experiment, worlds))
-        yield f"{kind}/flown", sum(arrived for _, arrived, _ in flown), "", len(flown)
-        for world, _, reward in flown:
-            yield {"name": f"{kind}/{Path(world).name}", "value": round(reward, 1), "unit": "", "runs": 1}
+        flown = flights(model, experiment, worlds)
+        yield f"{kind}/flown", sum(each.outcome == "success" for each in flown), "", len(flown)
+        for each in flown:
+            name = f"{kind}/{Path(each.world).name}"
+            yield {"name": name, "value": round(each.reward, 1), "unit": "", "runs": 1}
 
 
 def sampled(names: Sequence[str], experiment: Preset, training: str, validation: str) -> Figures:
@@ -108,8 +104,17 @@ def sampled(names: Sequence[str], experiment: Preset, training: str, validation:
     for name in names:
         model = flockstep.PPO.load(POLICIES / f"{name}.zip")
         for kind, worlds in (("training", training), ("validation", validation)):
-            arrived = [each for _, each, _ in flights(model, experiment, worlds, SAMPLED)]
-            yield f"{name.rpartition('_')[2]}/{kind}", float(np.mean(arrived)), "1", len(arrived)
+            flown = flights(model, experiment, worlds, SAMPLED)
+            share = sum(each.outcome == "success" for each in flown) / len(flown)
+            yield f"{name.rpartition('_')[2]}/{kind}", share, "1", len(flown)
+
+
+def draw_paths(experiment: Preset, name: str, worlds: Sequence[str]) -> None:
+    """Draw the flights of a kept policy: figures 6.3 and 6.4, or 6.8 and 6.9."""
+    model = flockstep.PPO.load(POLICIES / f"{name}.zip")
+    flown = [flight for each in worlds for flight in flights(model, experiment, each)]
+    scenes = [scene for each in worlds for scene in flockstep.scenes.load(each)]
+    plot_overview(scenes, flown, IMAGES / f"thesis-{name.split('_')[0]}-paths.png")
 
 
 def lidar() -> Mapping[str, Callable[[], Figures]]:
