@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,9 @@ import stable_baselines3
 import torch
 
 import flockstep
+from flockstep import CameraConfig
 from flockstep.registration import make_by_id
+from flockstep.trainings import TRAININGS
 from flockstep.trainings.learning import Callback
 from flockstep.trainings.presets import Preset
 from timing import Measured
@@ -55,11 +58,13 @@ def flights(model: Any, experiment: Preset, worlds: str, times: int = 1) -> list
     return first_flights(lambda seen: model.predict(seen, deterministic=times == 1)[0], envs, scenes)
 
 
-def trained(experiment: Preset, name: str, seed: int, training: str, validation: str) -> Figures:
-    """Train by a table of the thesis, and fly through its playgrounds."""
+def trained(
+    experiment: Preset, name: str, seed: int, training: str, validation: str, flown: Preset | None = None
+) -> Figures:
+    """Train by a table of the thesis, or by other settings, and fly the thesis's experiment through its playgrounds."""
     envs = experiment.make_envs(num_threads=1)
     model = flockstep.PPO("MlpPolicy", envs, seed=seed, num_threads=1, **experiment)
-    yield from learned(model, experiment, experiment.steps, training, validation)
+    yield from learned(model, flown or experiment, experiment.steps, training, validation)
     POLICIES.mkdir(parents=True, exist_ok=True)
     model.save(POLICIES / f"{name}.zip")
     envs.close()
@@ -132,5 +137,9 @@ def camera() -> Mapping[str, Callable[[], Figures]]:
     small = {f"64_{seed}": partial(trained, flockstep.thesis.camera(64), f"camera_64_{seed}", seed) for seed in SEEDS}
     large = partial(trained, flockstep.thesis.camera(), "camera_640_0", 0)
     again = partial(sampled, [f"camera_64_{seed}" for seed in SEEDS], flockstep.thesis.camera(64))
-    rows = {**small, "sampled": again, "640_0": large}
+    row = TRAININGS["camera"]
+    images = CameraConfig(width_px=640, height_px=480)
+    settings = Preset(replace(row, learns=lambda: {**row.learns(), "camera": images}))
+    ours = partial(trained, settings, "camera_ours_640_0", 0, flown=flockstep.thesis.camera())
+    rows = {**small, "sampled": again, "ours_640_0": ours, "640_0": large}
     return {row: partial(each, "camera-train", "camera-validation") for row, each in rows.items()}
