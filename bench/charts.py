@@ -1,4 +1,4 @@
-"""The charts of docs/results/speed.md, which `bench/table.py` draws from the kept results, for light and dark."""
+"""The charts of figures, which `bench/table.py` draws from the kept results, for light and dark."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import matplotlib.pyplot as plt
 
 import table
 
-#: Charts by file: title, axes, and the figures of each line, whose names have the position on the x axis.
+#: Charts by file: title, axes, and the figures of each line. Their names have the position on the x axis, which is then
+#: logarithmic, or each figure has a curve of its own.
 CHARTS: dict[str, tuple[str, str, str, dict[str, str]]] = {
     "speed-drones": (
         "One thread",
@@ -38,6 +39,18 @@ CHARTS: dict[str, tuple[str, str, str, dict[str, str]]] = {
             "steps of forest, with depth": "scaling/steps_per_second/forest512/threads{x}",
         },
     ),
+    "thesis-lidar": (
+        "LiDAR experiment, table 6.2",
+        "steps",
+        "reward of an episode",
+        {"seed {seed}": "thesis_lidar/unit_{seed}/reward", "largest component 1": "thesis_lidar/largest_0/reward"},
+    ),
+    "thesis-camera": (
+        "Camera experiment, table 6.4",
+        "steps",
+        "reward of an episode",
+        {"64 x 48, seed {seed}": "thesis_camera/64_{seed}/reward", "640 x 480": "thesis_camera/640_0/reward"},
+    ),
 }
 INK, PAPER = "#1f2329", "#ffffff"  # in the light; the file replaces them in the dark
 STYLE = (
@@ -53,14 +66,25 @@ SETTINGS: Any = {
 }
 
 
+def lines_of(patterns: dict[str, str], results: dict[str, Any]) -> dict[str, list[Any]]:
+    """Return the points of each line, by its label."""
+    lines: dict[str, list[Any]] = {}
+    for label, pattern in patterns.items():
+        for _, figure, at in table.found(pattern, results):
+            if "x" in at:
+                lines.setdefault(label, []).append((int(at["x"]), figure["value"]))
+            else:
+                lines[label.format(**at)] = figure["curve"]
+    return {label: sorted(line) for label, line in lines.items()}
+
+
 def draw(results: dict[str, Any], folder: Path, is_check: bool) -> None:
     """Draw the charts whose points have changed, or exit if there is one."""
     for name, (title, x_label, y_label, patterns) in CHARTS.items():
-        lines = {
-            label: points
-            for label, pattern in patterns.items()
-            if (points := sorted((int(at["x"]), figure["value"]) for _, figure, at in table.found(pattern, results)))
-        }
+        lines = lines_of(patterns, results)
+        if not lines:
+            continue
+        is_log = any("{x}" in pattern for pattern in patterns.values())
         path, told = folder / f"{name}.svg", json.dumps([title, x_label, y_label, lines])
         if path.exists() and told in path.read_text(encoding="utf-8"):
             continue
@@ -69,12 +93,14 @@ def draw(results: dict[str, Any], folder: Path, is_check: bool) -> None:
         with plt.rc_context(SETTINGS):
             chart, axes = plt.subplots(figsize=(7, 3.6), layout="constrained")
             for label, line in lines.items():
-                axes.plot(*zip(*line, strict=True), marker="o", markersize=4, label=label)
-            axes.set(title=title, xlabel=x_label, ylabel=y_label, xscale="log", yscale="log")
-            axes.set_xticks([x for x, _ in next(iter(lines.values()))], minor=False)
+                axes.plot(*zip(*line, strict=True), marker="o" if is_log else "", markersize=4, label=label)
+            axes.set(title=title, xlabel=x_label, ylabel=y_label)
+            if is_log:
+                axes.set(xscale="log", yscale="log")
+                axes.set_xticks([x for x, _ in next(iter(lines.values()))], minor=False)
+                axes.minorticks_off()
             for axis in (axes.xaxis, axes.yaxis):
                 axis.set_major_formatter("{x:,.0f}")
-            axes.minorticks_off()
             axes.grid(alpha=0.3)
             chart.legend(loc="outside right center", frameon=False)
             chart.savefig(path, metadata={"Date": None, "Creator": None})

@@ -7,7 +7,7 @@ every update, on the thesis's scale.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from timing import Measured
 POLICIES = Path(__file__).resolve().parents[1] / "out" / "thesis" / "policies"
 SEEDS = range(5)
 MAX_STEPS = 1000  # of a flight; a successful one takes about a hundred
+SAMPLED = 50  # flights through each playground with sampled actions, as in training
 
 Figures = Iterator[Measured | dict[str, Any]]
 
@@ -41,12 +42,15 @@ class Curve(Callback):
             self.points.append((self.model.num_timesteps, round(float(np.mean([each["r"] for each in ended])), 1)))
 
 
-def flights(model: Any, experiment: Preset, worlds: str) -> Iterator[tuple[str, bool, float]]:
-    """Fly once through each world; yield its name, whether the drone arrived, and the reward."""
-    scenes = flockstep.scenes.load(worlds)
+def flights(model: Any, experiment: Preset, worlds: str, times: int = 1) -> Iterator[tuple[str, bool, float]]:
+    """Fly through each world; yield its name, whether the drone arrived, and the reward.
+
+    Once by the likeliest actions, and more often by sampled ones.
+    """
+    scenes = flockstep.scenes.load(worlds) * times
     keywords = {**experiment.keywords(), "worlds": scenes, "max_episode_steps": MAX_STEPS}
     envs = make_same_step("thesis", experiment.env, len(scenes), **keywords)
-    ends = first_episodes(lambda observation: model.predict(observation, deterministic=True)[0], envs, "thesis", 0)
+    ends = first_episodes(lambda seen: model.predict(seen, deterministic=times == 1)[0], envs, "thesis", 0)
     for world, end in zip(scenes, ends, strict=True):
         arrived = flockstep.EpisodeEnd(end["episode_end"]) is flockstep.EpisodeEnd.success
         yield world.name, arrived, float(end["episode"]["r"])
@@ -80,16 +84,28 @@ def judged(model: Any, experiment: Preset, training: str, validation: str) -> Fi
             yield {"name": f"{kind}/{Path(world).name}", "value": round(reward, 1), "unit": "", "runs": 1}
 
 
+def sampled(names: Sequence[str], experiment: Preset, training: str, validation: str) -> Figures:
+    """Fly kept policies by sampled actions."""
+    for name in names:
+        model = flockstep.PPO.load(POLICIES / f"{name}.zip")
+        for kind, worlds in (("training", training), ("validation", validation)):
+            arrived = [each for _, each, _ in flights(model, experiment, worlds, SAMPLED)]
+            yield f"{name.rpartition('_')[2]}/{kind}", float(np.mean(arrived)), "1", len(arrived)
+
+
 def lidar() -> Mapping[str, Callable[[], Figures]]:
     """Return the rows of the LiDAR experiment: five seeds, and one with the goal's direction as the program had it."""
     unit = {f"unit_{seed}": partial(trained, flockstep.thesis.lidar(), f"lidar_unit_{seed}", seed) for seed in SEEDS}
     largest = partial(trained, flockstep.thesis.lidar("maximum"), "lidar_largest_0", 0)
-    return {row: partial(each, "train", "validation") for row, each in {**unit, "largest_0": largest}.items()}
+    again = partial(sampled, [f"lidar_unit_{seed}" for seed in SEEDS], flockstep.thesis.lidar())
+    rows = {**unit, "sampled": again, "largest_0": largest}
+    return {row: partial(each, "train", "validation") for row, each in rows.items()}
 
 
 def camera() -> Mapping[str, Callable[[], Figures]]:
     """Return the rows of the camera experiment: five seeds with small images, one with the thesis's."""
     small = {f"64_{seed}": partial(trained, flockstep.thesis.camera(64), f"camera_64_{seed}", seed) for seed in SEEDS}
     large = partial(trained, flockstep.thesis.camera(), "camera_640_0", 0)
-    rows = {**small, "640_0": large}
+    again = partial(sampled, [f"camera_64_{seed}" for seed in SEEDS], flockstep.thesis.camera(64))
+    rows = {**small, "sampled": again, "640_0": large}
     return {row: partial(each, "camera-train", "camera-validation") for row, each in rows.items()}

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from flockstep._core import CameraConfig, NavigationReward
+from flockstep._core import CameraConfig, NavigationConfig, NavigationReward
 from flockstep.trainings.presets import Preset
 from flockstep.trainings.training import Keywords, Training
 
@@ -18,12 +18,7 @@ _SETTINGS: Keywords = {"n_steps": 2048, "gamma": 0.99, "clip_range": 0.2}
 
 
 def _preset(env: str, steps: int, num_envs: int, learning_rate: float, envs: Keywords) -> Preset:
-    keywords: Keywords = {
-        "reward": NavigationReward(carry_over_distance=True, overshoot_weight=float("Camera" in env)),
-        "max_episode_steps": None,
-        "stagger_first_episode": False,
-        **envs,
-    }
+    keywords = {"max_episode_steps": None, "stagger_first_episode": False, **envs}
     settings = {**_SETTINGS, "learning_rate": learning_rate}
     return Preset(Training(env, steps, num_envs, settings, learns=lambda: keywords, falls=False))
 
@@ -39,7 +34,8 @@ def lidar(goal_norm: Literal["euclidean", "maximum"] = "euclidean") -> Preset:
         Norm that is 1 in the observed direction to the goal. The text of the thesis normalises the vector
         (``"euclidean"``), its program divides by the largest component (``"maximum"``).
     """
-    envs: Keywords = {"worlds": "train", "goal_norm": goal_norm}
+    task = NavigationConfig(goal_norm=goal_norm, reward=NavigationReward(carry_over_distance=True))
+    envs: Keywords = {"worlds": "train", "task": task}
     return _preset("flockstep/LidarNavigation-v0", 36_864_000, 40, 3e-4, envs)
 
 
@@ -52,5 +48,5 @@ def camera(width_px: int = 640) -> Preset:
         Width of the images in pixels; their height is three quarters of it. The default is the thesis's.
     """
     images = CameraConfig(width_px=width_px, height_px=width_px * 3 // 4)
-    envs: Keywords = {"worlds": "camera-train", "cameras": [images]}
+    envs: Keywords = {"worlds": "camera-train", "camera": images}
     return _preset("flockstep/CameraNavigation-v0", 4_400_000, 8, 1e-4, envs)

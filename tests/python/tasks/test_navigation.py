@@ -87,6 +87,18 @@ def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, re
     assert succeeded > 5
 
 
+@pytest.mark.parametrize("norm", ["euclidean", "maximum"])
+def test_the_chosen_norm_of_the_direction_to_the_goal_is_1(playgrounds, norm):
+    task = flockstep.NavigationConfig(goal_norm=norm)
+    envs = flockstep.DroneVectorEnv(5, worlds=playgrounds, task=task)
+    direction = envs.reset(seed=0)[0][:, :3]
+    batch = envs.batch
+    goals = np.array([world.waypoints[0] for world in batch.worlds])[batch.world_index]
+    offset = goals - batch.position
+    length = np.abs(offset).max(axis=1) if norm == "maximum" else np.linalg.norm(offset, axis=1)
+    np.testing.assert_allclose(direction, offset / length[:, None], atol=1e-6)
+
+
 def test_the_thesis_rewards_come_about_with_its_switch(playgrounds):
     """A flight along a shortest path earns about the reward in the thesis: 11,435.5 on train-3."""
     env = flockstep.DroneVectorEnv(

@@ -123,6 +123,27 @@ def test_a_preset_trains_as_its_row(name, monkeypatch):
     assert {*preset} - {"ent_coef"} == {*training.settings}
 
 
+@pytest.mark.parametrize(
+    ("preset", "drones", "steps", "rate", "observed", "worlds"),
+    [
+        (flockstep.thesis.lidar(), 40, 36_864_000, 3e-4, 38, 5),
+        (flockstep.thesis.lidar("maximum"), 40, 36_864_000, 3e-4, 38, 5),
+        (flockstep.thesis.camera(64), 8, 4_400_000, 1e-4, 22, 2),
+    ],
+)
+def test_the_presets_of_the_thesis_are_its_tables(preset, drones, steps, rate, observed, worlds):
+    assert (preset.num_envs, preset.steps, dict(preset)) == (
+        drones,
+        steps,
+        {"n_steps": 2048, "gamma": 0.99, "clip_range": 0.2, "learning_rate": rate},
+    )
+    envs = preset.make_envs(num_threads=1)
+    assert envs.single_observation_space.shape == (observed,)
+    assert (len(envs.batch.worlds), envs.recipe.episode.max_episode_steps) == (worlds, None)
+    assert np.bincount(envs.batch.world_index).tolist() == [drones // worlds] * worlds  # as many in each playground
+    envs.close()
+
+
 def test_presets_are_the_rows_of_the_table():
     assert [*flockstep.presets] == [*TRAININGS]
     assert "hover" in flockstep.presets
