@@ -68,6 +68,7 @@ def running(command: Sequence[object]) -> Iterator[tuple[str, int]]:
             yield line, process.pid
         finally:
             process.terminate()
+            process.wait()
 
 
 class Served(NamedTuple):

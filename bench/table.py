@@ -31,7 +31,7 @@ Each result comes from one commit and one processor. Those of a checkout with lo
 those of commits that are not in the history, which nobody could measure again; a shallow clone and a folder without git
 of its own cannot tell, so there this is not checked. A "remark" is written by hand into the JSON file of a result that
 needs an explanation, and shown with its figures; a new measurement has none. Figures of others, such as those of a
-publication, have a "source" instead of a commit, and stand in no table.
+publication, have a "source" instead of a commit, and stand only beside ours.
 """
 
 from __future__ import annotations
@@ -127,11 +127,14 @@ def may_be_in_history(commit: str) -> bool:
 def processor_of(result: Result) -> str:
     machine = result["machine"]
     gpu = f"{machine['gpu']}, " if "gpu" in machine else ""
-    return f"{gpu}{machine['cpu']}, {machine['logical_processors']} logical processors, {machine['simd']}"
+    simd = f", {machine['simd']}" if "simd" in machine else ""
+    return f"{gpu}{machine['cpu']}, {machine['logical_processors']} logical processors{simd}"
 
 
 def source(result: Result) -> str:
-    """Describe the machine and the commits of a result."""
+    """Describe the machine and the commits of a result, or its source."""
+    if "source" in result:
+        return f"{processor_of(result)}: {result['source']}"
     parts = "".join(f", {part['what']}: {part['commit'][:7]}" for part in result.get("parts", ()))
     remark = f". {result['remark']}" if "remark" in result else ""
     return f"{processor_of(result)}, commit {result['commit'][:7]}, {result['commit_date']}{parts}{remark}"
@@ -230,7 +233,7 @@ def tables(spec: str, by_source: bool, results: Results) -> str:
         names += used
         if cells:
             written.append(pivot(cells, corner))
-    if not written:
+    if all("source" in results[name] for name in names):  # or there is none
         return "Not measured yet.\n"
     if not by_source:
         written.insert(0, "\n".join(source(results[name]) + "\n" for name in dict.fromkeys(names)))

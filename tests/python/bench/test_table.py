@@ -164,6 +164,18 @@ def test_kept_results_have_a_line_for_each_figure_and_a_file_for_readers(tmp_pat
         assert {row["cpu"] for row in rows} == {kept["machine"]["cpu"]}
 
 
+def test_figures_of_others_stand_only_beside_ours():
+    machine = {"cpu": "Old One", "logical_processors": 20}
+    figures = [{"name": "book/move/8", "value": 2.5, "unit": "ms"}]
+    results = {"book": {"machine": machine, "source": "table 1 of a book", "figures": figures}}
+    spec = "# drones\nours/move/{n} -> {n} | time\nbook/move/{n} -> {n} | book\n"
+    assert table.tables(spec, False, results) == "Not measured yet.\n"
+    results["ours"] = result([("ours/move/8", 0.5, "ms", {})])
+    written = table.tables(spec, False, results)
+    assert written.startswith(f"{SOURCE}\n\nOld One, 20 logical processors: table 1 of a book\n\n")
+    assert written.endswith("| drones | time | book |\n|---|---:|---:|\n| 8 | 0.5 ms | 2.5 ms |\n")
+
+
 def test_charts_are_drawn_if_their_points_change(tmp_path):
     results = {"step": result([(f"step/n{n}/steps_per_second", 1000.0 * n, "1/s", {}) for n in (1, 16)])}
     results["scaling"] = result([(f"scaling/steps_per_second/lidar4096/threads{n}", n, "1/s", {}) for n in (1, 2)])
