@@ -250,7 +250,6 @@ BENCHES = {
     "lidar": Bench("the LiDAR stage beside Embree alone and beside a direct loop", partial(native, "lidar")),
     "step": Bench("steps, scans and images by number of drones; stages and memory of a step", bench_step),
     "camera": Bench("cameras beside Embree alone, by size, world and backend; capture modes; memory", bench_camera),
-    "camera_train": Bench("the task that observes a green blob, by train_ppo, five seeds", "trained:camera", True),
     "pixels_train": Bench("the task that observes the image, by train_ppo, five seeds", "trained:pixels", True),
     "lidar_by_rotors": Bench("a policy of the LiDAR task, flown with and without rotors", "trained:by_rotors"),
     "board": Bench("trainings of docs/results/board.md, five seeds each, also by Stable-Baselines3", bench_board, True),

@@ -21,6 +21,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 import flockstep
 from flockstep.serialization import from_plain
+from flockstep.trainings.table import CAMERA_SIDEWAYS_M, goal_is_ahead, level_playground
 
 #: The bundled tasks and their observations.
 OBSERVATIONS = {"lidar": "goal", "camera": "blob", "pixels": "pixels"}
@@ -33,12 +34,6 @@ IDS = {
 }
 
 EXPECTED = f"{', '.join(OBSERVATIONS)}, an id of flockstep's, module:id or module:Class of a flockstep.Task"
-
-# In the camera playgrounds start and goal have the same height and at most this sideways distance: the goal is ahead of
-# the drone, in view unless a pillar hides it.
-CAMERA_HEIGHT_M = 3.12
-CAMERA_SIDEWAYS_M = 2.5
-
 
 #: Warning of every program here that loads a policy.
 TRUST = "Loading a policy file runs code that is in it (it holds pickled Python objects): load only policies you trust."
@@ -228,26 +223,12 @@ class Setup:
         for seed in seeds:
             if len(worlds) == count:
                 break
-            world = flockstep.World.playground(seed=seed)
-            if not self.has_camera:
+            world = level_playground(seed) if self.has_camera else flockstep.World.playground(seed=seed)
+            if not self.has_camera or goal_is_ahead(world):
                 worlds.append(world)
-            elif abs(world.goal[1] - world.start[1]) <= CAMERA_SIDEWAYS_M:
-                worlds.append(without_waypoints(world))
         if len(worlds) < count:
             raise ValueError(f"count: expected at most {len(worlds)}, as many as {seeds} give, got {count}")
         return worlds
-
-
-def without_waypoints(world: flockstep.World) -> flockstep.World:
-    """Return a generated playground without waypoints, its start and goal set to the height of the camera task."""
-    scene = world.to_dict()
-    markers = scene["markers"]
-    markers.pop("waypoints", None)
-    for place in (markers["start"], markers["goal"]):
-        place[2] = CAMERA_HEIGHT_M
-    for corner, side in (("min", -1), ("max", 1)):
-        markers["spawn_box"][corner][2] = CAMERA_HEIGHT_M + 0.25 * side
-    return flockstep.World.from_dict(scene)
 
 
 def remember(model: BaseAlgorithm, setup: Setup) -> None:
