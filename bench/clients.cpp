@@ -87,6 +87,7 @@ void measure(const std::string& address, int count, const std::string& kind, dou
   if (std::ranges::find(kKinds, kind) == kKinds.end()) {
     throw std::invalid_argument("LOAD: expected move, scan, image or move+image, got \"" + kind + '"');
   }
+  const auto begun = Clock::now();
   Load load{.address = address, .kind = kind, .ready = std::latch(count + 1)};
   std::vector<std::vector<Response>> each(static_cast<std::size_t>(count));
   std::vector<std::thread> threads;
@@ -94,6 +95,7 @@ void measure(const std::string& address, int count, const std::string& kind, dou
     threads.emplace_back([&, i] { each[i] = run(load, static_cast<std::int64_t>(i)); });
   }
   load.ready.arrive_and_wait();
+  const std::chrono::duration<double> connecting = Clock::now() - begun;
   std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
   load.is_over = true;
   for (std::thread& thread : threads) thread.join();
@@ -109,6 +111,7 @@ void measure(const std::string& address, int count, const std::string& kind, dou
     return all[static_cast<std::size_t>(std::round(percent / 100.0 * (requests - 1)))].ms;
   };
   bench::Figures figures;
+  figures.add("connecting", connecting.count(), "s", 1);
   figures.add("requests", requests, "1", 1);
   figures.add("mean", mean, "ms", 1);
   figures.add("std", std::sqrt(variance), "ms", 1);

@@ -77,9 +77,12 @@ def loaded(recipe: dict[str, Any], count: int, load: str, seconds: float) -> Fig
         flockstep.connect(served.address) as client,
         step_rates(client) as samples,
     ):
+        begun = time.perf_counter()
         figures = native("clients", served.address, count, load, seconds)
     times = {f["name"]: f["value"] for f in figures}
     curve = [(float(name.removeprefix("curve/")), times.pop(name)) for name in list(times) if name.startswith("curve/")]
+    begun += times.pop("connecting")
+    samples = [(at - begun, rate) for at, rate in samples if begun + SAMPLE_S < at < begun + seconds]
     for name, value in times.items():
         yield name, value, "1" if name == "requests" else "ms", 1
     yield figure("over_time", times["mean"], "ms", 1, curve=curve)
@@ -94,12 +97,12 @@ def loaded(recipe: dict[str, Any], count: int, load: str, seconds: float) -> Fig
 
 @contextlib.contextmanager
 def step_rates(client: flockstep.client.Client) -> Iterator[list[tuple[float, float]]]:
-    """Collect the steps per second of a server while the block runs, each with its time since the beginning.
+    """Collect the steps per second of a server while the block runs, each with its time.
 
     A value is measured over `SAMPLE_S` and at least one step.
     """
     samples: list[tuple[float, float]] = []
-    begun = at = time.perf_counter()
+    at = time.perf_counter()
     step = client.get_arrays(["tick"]).time.step
 
     def sample() -> None:
@@ -108,7 +111,7 @@ def step_rates(client: flockstep.client.Client) -> Iterator[list[tuple[float, fl
         while (now := client.get_arrays(["tick"]).time.step) == step:
             time.sleep(SAMPLE_S / 10)
         before, at = at, time.perf_counter()
-        samples.append((at - begun, (now - step) / (at - before)))
+        samples.append((at, (now - step) / (at - before)))
         step = now
 
     with beside(sample):

@@ -31,7 +31,7 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_row_has_the_columns_of_the_tables(job, row, drones, programs, monkeypatch):
     monkeypatch.setenv("FLOCKSTEP_BENCH_DIR", str(programs))
     measured = [
-        timing.figure(*each) if isinstance(each, tuple) else each for each in getattr(benchmarks, job)(0.2)[row]()
+        timing.figure(*each) if isinstance(each, tuple) else each for each in getattr(benchmarks, job)(0.5)[row]()
     ]
     figures = {each["name"]: each for each in measured}
     assert len(figures) == len(measured)
