@@ -139,10 +139,19 @@ def test_a_figure_stands_in_a_sentence():
     assert median.endswith("-->50 %<!-- /figure --> of them")
 
 
+def test_a_chart_is_shown_once_it_is_drawn():
+    def written(name):
+        return table.document(f"<!-- chart {name} as Drones -->\nold\n<!-- end of chart -->", {}, {}).splitlines()[1]
+
+    assert written("speed-drones") == "![Drones](../images/speed-drones.svg)"
+    assert written("speed-nothing") == "Not measured yet."
+
+
 def test_all_marks_of_the_documents_are_complete():
     for path in (table.ROOT / "README.md", *(table.ROOT / "docs").rglob("*.md")):
         text = path.read_text(encoding="utf-8")
         assert text.count("<!-- table") == text.count("<!-- end of table -->") == len(table.TABLE.findall(text)), path
+        assert text.count("<!-- chart") == text.count("<!-- end of chart") == len(table.CHART.findall(text)), path
         assert text.count("<!-- tried ") == len(table.TRIED.findall(text)), path
         assert text.count("<!-- figure ") == len(table.FIGURE.findall(text)), path
         assert "\n<!-- figure " not in text, f"{path}: a line that begins with a comment ends the paragraph"
