@@ -1,6 +1,6 @@
 """Reproduce the thesis: `./dev thesis [NAME...]` measures what is missing of a table, a figure or an experiment.
 
-Each job has rows, and each row keeps its own result in out/thesis/NAME/ROW.json as soon as it is measured, so that an
+Each job has rows, and each row keeps its own result in out/thesis/NAME/ROW.json when it is measured, so that an
 interrupted job goes on where it stopped. Once all rows of a job are there, it writes out/bench/thesis_NAME.json;
 `python bench/table.py --keep` keeps that and writes the pages of docs/thesis/. `--fresh` measures all rows again.
 """
@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "out"
 Rows = Mapping[str, Callable[[], Iterable[Measured | Figure]]]
 
-#: What is measured or drawn, by name: the function of this package that returns its rows.
+#: Jobs by name: the function of this package that returns its rows.
 JOBS = {
     "movement": "benchmarks:movement",
     "scans": "benchmarks:scans",
