@@ -26,6 +26,9 @@ Rows = Mapping[str, Callable[[], Iterable[Measured | Figure]]]
 
 #: Jobs that measure, by name: the function of this package that returns its rows.
 JOBS = {
+    "movement": "benchmarks:movement",
+    "scans": "benchmarks:scans",
+    "cameras": "benchmarks:cameras",
     "lidar": "experiments:lidar",
     "camera": "experiments:camera",
 }
