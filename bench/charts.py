@@ -39,6 +39,18 @@ CHARTS: dict[str, tuple[str, str, str, dict[str, str]]] = {
             "steps of forest, with depth": "scaling/steps_per_second/forest512/threads{x}",
         },
     ),
+    "thesis-steps": (
+        "Steps of the server while drones move, figure 5.1",
+        "s",
+        "steps per second",
+        {"N = {drones}": "thesis_movement/{drones}/rate_over_time"},
+    ),
+    "thesis-responses": (
+        "Response time while drones move, figure 5.2",
+        "s",
+        "ms",
+        {"N = {drones}": "thesis_movement/{drones}/over_time"},
+    ),
     "thesis-lidar": (
         "LiDAR experiment, table 6.2",
         "steps",
@@ -99,8 +111,10 @@ def draw(results: dict[str, Any], folder: Path, is_check: bool) -> None:
                 axes.set(xscale="log", yscale="log")
                 axes.set_xticks([x for x, _ in next(iter(lines.values()))], minor=False)
                 axes.minorticks_off()
+            elif y_label == "ms":
+                axes.set_yscale("log")
             for axis in (axes.xaxis, axes.yaxis):
-                axis.set_major_formatter("{x:,.0f}")
+                axis.set_major_formatter("{x:,.10g}")
             axes.grid(alpha=0.3)
             chart.legend(loc="outside right center", frameon=False)
             chart.savefig(path, metadata={"Date": None, "Creator": None})

@@ -1,10 +1,9 @@
-// Times the server from the outside: round trips of the C++ client beside those of a bare echo, and clients that load a server.
-// Prints a JSON list of figures. bench/server.py starts the servers and runs this program:
+// Times the server from the outside: round trips of the C++ client beside those of a bare echo. Prints a JSON list of figures.
+// bench/server.py starts the servers and runs this program:
 //
 //   server echo                                                answers on a free port, which it prints, until it is killed
 //   server round-trips DRONE ARRAYS PORT CALLS (NAME REQUEST REPLY)...
 //                      addresses of two servers of flockstep, port of the echo, calls to time, sizes of messages in bytes
-//   server clients ADDRESS COUNT move|scan SECONDS             COUNT clients at once, each with a drone and a thread
 //   server encode IMAGES HZ                                    encodes images of 640 x 480 pixels at a rate, until it is killed
 #include <netinet/in.h>
 #include <netinet/tcp.h>
@@ -13,18 +12,13 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cerrno>
 #include <chrono>
-#include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <exception>
 #include <functional>
-#include <latch>
 #include <map>
-#include <numeric>
-#include <random>
 #include <stdexcept>
 #include <string>
 #include <system_error>
@@ -139,10 +133,6 @@ Times time_tcp(int port, const Sizes& sizes, int calls) {
   });
 }
 
-double percentile(const Times& sorted, double percent) {
-  return sorted[static_cast<std::size_t>(std::round(percent / 100.0 * static_cast<double>(sorted.size() - 1)))];
-}
-
 void round_trips(const std::vector<std::string>& arguments) {
   constexpr std::size_t kFixed = 4;
   if (arguments.size() <= kFixed) throw std::invalid_argument("round-trips: expected four arguments and cases");
@@ -164,9 +154,8 @@ void round_trips(const std::vector<std::string>& arguments) {
       {"get_arrays", [&] { arrays.get_array("ranges", "lidar"); }},
   };
   bench::Figures figures;
-  const auto add = [&](const std::string& name, Times times) {
-    std::ranges::sort(times);
-    figures.add(name + "/p50", percentile(times, 50), "us", calls);
+  const auto add = [&](const std::string& name, const Times& times) {
+    figures.add(name + "/p50", bench::median(times), "us", calls);
   };
   const auto size = [&](std::size_t i) { return static_cast<std::uint32_t>(std::stoul(arguments.at(i))); };
   for (std::size_t i = kFixed; i < arguments.size(); i += 3) {
@@ -177,64 +166,6 @@ void round_trips(const std::vector<std::string>& arguments) {
       add(name + "/cpp", time_calls(calls, operation->second));
     }
   }
-  figures.print();
-}
-
-// ------------------------------------------------------------------------------------------------------------- clients at once
-
-// Moves or scans one drone until the time is over, and returns the response times.
-Times load(const std::string& address, std::int64_t index, bool moves, std::latch& ready, const std::atomic<bool>& is_over) {
-  const client::Connection connection({.address = address, .timeout = std::chrono::minutes(1)});
-  client::DroneController drone(connection, index);
-  std::mt19937 random(static_cast<std::uint32_t>(index));
-  std::uniform_real_distribution<float> displacement(-0.1F, 0.1F);
-  client::Vector3 location = drone.get_location();
-  Times times;
-  ready.arrive_and_wait();
-  while (!is_over) {
-    client::Vector3 next = location;
-    for (float& x : next) x += displacement(random);
-    times.push_back(1e6 * bench::seconds([&] {
-                      if (moves) {
-                        location = drone.set_location(next).location;
-                      } else {
-                        drone.get_lidar_data();
-                      }
-                    }));
-  }
-  return times;
-}
-
-void clients(const std::vector<std::string>& arguments) {
-  if (arguments.size() != 4) throw std::invalid_argument("clients: expected four arguments");
-  const auto count = static_cast<std::size_t>(std::stoul(arguments[1]));
-  const bool moves = arguments[2] == "move";
-  std::latch ready(static_cast<std::ptrdiff_t>(count) + 1);
-  std::atomic<bool> is_over{false};
-  std::vector<Times> each(count);
-  std::vector<std::thread> threads;
-  for (std::size_t i = 0; i < count; ++i) {
-    threads.emplace_back([&, i] { each[i] = load(arguments[0], static_cast<std::int64_t>(i), moves, ready, is_over); });
-  }
-  ready.arrive_and_wait();
-  std::this_thread::sleep_for(std::chrono::duration<double>(std::stod(arguments[3])));
-  is_over = true;
-  for (std::thread& thread : threads) thread.join();
-  Times all;
-  for (const Times& times : each) all.insert(all.end(), times.begin(), times.end());
-  std::ranges::sort(all);
-  const auto requests = static_cast<double>(all.size());
-  const double mean = std::reduce(all.begin(), all.end()) / requests;
-  const double squares = std::transform_reduce(all.begin(), all.end(), 0.0, std::plus<>(),
-                                               [mean](double time) { return (time - mean) * (time - mean); });
-  bench::Figures figures;
-  const auto add_ms = [&](const std::string& name, double us) { figures.add(name, 1e-3 * us, "ms", 1); };
-  figures.add("requests", requests, "1", 1);
-  add_ms("mean", mean);
-  add_ms("std", std::sqrt(squares / requests));
-  add_ms("min", all.front());
-  add_ms("max", all.back());
-  for (const int percent : {5, 25, 75, 95}) add_ms('p' + std::to_string(percent), percentile(all, percent));
   figures.print();
 }
 
@@ -272,12 +203,10 @@ int main(int argc, char** argv) try {
     echo();
   } else if (command == "round-trips") {
     round_trips(arguments);
-  } else if (command == "clients") {
-    clients(arguments);
   } else if (command == "encode" && arguments.size() == 2) {
     encode(std::stoi(arguments[0]), std::stod(arguments[1]));
   } else {
-    throw std::invalid_argument("expected echo, round-trips, clients or encode, got \"" + command + '"');
+    throw std::invalid_argument("expected echo, round-trips or encode, got \"" + command + '"');
   }
 } catch (const std::exception& error) {
   std::fprintf(stderr, "server: %s\n", error.what());

@@ -1,6 +1,6 @@
-"""Times the server: round trips, steps of a remote vector environment, many clients at once, and camera streams.
+"""Times the server: round trips, steps of a remote vector environment, and camera streams.
 
-Servers are programs of their own, ``python -m flockstep serve``; bench/server.cpp has the echo and the C++ clients.
+Servers are programs of their own, ``python -m flockstep serve``; bench/server.cpp has the echo and the C++ client.
 """
 
 from __future__ import annotations
@@ -27,24 +27,18 @@ import flockstep
 from timing import Measured, Median, in_turns, median_ratio, native, program, timed
 
 ROUNDS, CALLS = 9, 1000  # of round trips: medians of the rounds; calls in a round
-COUNTS = (1, 2, 4, 8, 16, 24, 32, 64, 128)  # clients at once, as in the thesis (bench/results/thesis.json)
-BEAMS = (35, 125, 250, 500, 1000)
-COLUMNS = ("mean", "std", "min", "max", "p5", "p25", "p75", "p95")
-LOAD_S, STREAM_S, STEPS_S = 3.0, 5.0, 0.5
-LOADED_HZ = 1000.0  # rate at which a server steps while many clients load it
-RATE_S = 0.02  # time over which one value of its rate is measured
+STREAM_S, STEPS_S = 5.0, 0.5
 WORLD: dict[str, Any] = {"task": None, "worlds": ["playground/train-1"], "num_envs": 1}
 DRONES = 1024
 CAMERAS, STREAM_HZ = 8, 30.0
 
 
 def measure() -> Iterator[Measured]:
-    """Measure everything. It takes nine minutes, and the machine must have nothing else to do."""
+    """Measure everything. It takes five minutes, and the machine must have nothing else to do."""
     for name, place in (("pinned", pinned), ("unpinned", contextlib.nullcontext)):
         with place():
             yield from measure_round_trips(f"server/round_trip/{name}")
             yield from measure_vector_env(f"server/vector_env/{name}")
-    yield from measure_clients("server/clients")
     yield from measure_streams("server/streams")
 
 
@@ -65,16 +59,16 @@ def pinned() -> Iterator[None]:
 @contextlib.contextmanager
 def running(command: Sequence[object]) -> Iterator[tuple[str, int]]:
     """Run a program, and give its first line and its process id."""
-    process = subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout
-        line = process.stdout.readline()
-        if not line:
-            raise SystemExit(f"{command[0]}: it ended at once")
-        yield line, process.pid
-    finally:
-        process.terminate()
-        process.wait()
+    with subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout
+            line = process.stdout.readline()
+            if not line:
+                raise SystemExit(f"{command[0]}: it ended at once")
+            yield line, process.pid
+        finally:
+            process.terminate()
+            process.wait()
 
 
 class Served(NamedTuple):
@@ -216,58 +210,6 @@ def measure_vector_env(prefix: str) -> Iterator[Measured]:
         yield f"{prefix}/{ratio}", median_ratio(rates[name], rates["in_process"]), "1", ROUNDS
 
 
-# --- many clients
-
-
-def measure_clients(prefix: str) -> Iterator[Measured]:
-    """Let C++ clients of one process, each with its drone and thread, move or scan as fast as they can.
-
-    Meanwhile the server steps by itself.
-    """
-    for count in COUNTS:
-        recipe = {**WORLD, "drones_per_env": count, "lidars": [{}]}
-        with serving(recipe, "--rate-hz", str(LOADED_HZ)) as served, flockstep.connect(served.address) as client:
-            for load in ("move", *BEAMS):
-                if load != "move":
-                    client.set_lidar_config(beams=load)
-                with step_rates(client) as rates:
-                    kind = "move" if load == "move" else "scan"
-                    figures = native("server", "clients", served.address, count, kind, LOAD_S)
-                name = f"{prefix}/{kind}{load if kind == 'scan' else ''}/{count}"
-                for f in figures:
-                    yield f"{name}/{f['name']}", f["value"], f["unit"], 1
-                values = np.array(rates)
-                for what in COLUMNS:
-                    value = np.percentile(values, int(what[1:])) if what[0] == "p" else getattr(values, what)()
-                    yield f"{name}/rate_{what}", float(value), "1/s", len(rates)
-
-
-@contextlib.contextmanager
-def step_rates(client: flockstep.client.Client) -> Iterator[list[float]]:
-    """Collect the steps per second of a server, over short times, while the block runs."""
-    rates: list[float] = []
-    with beside(lambda: rates.append(stepping_rate(client, RATE_S))):
-        yield rates
-
-
-@contextlib.contextmanager
-def beside(work: Callable[[], object]) -> Iterator[None]:
-    """Repeat a function in a thread while the block runs."""
-    is_over = threading.Event()
-
-    def repeat() -> None:
-        while not is_over.is_set():
-            work()
-
-    thread = threading.Thread(target=repeat)
-    thread.start()
-    try:
-        yield
-    finally:
-        is_over.set()
-        thread.join()
-
-
 # --- streams
 
 
@@ -321,3 +263,21 @@ def watching(address: str) -> Iterator[Callable[[], int]]:
 
         with beside(read):
             yield lambda: count
+
+
+@contextlib.contextmanager
+def beside(work: Callable[[], object]) -> Iterator[None]:
+    """Repeat a function in a thread while the block runs."""
+    is_over = threading.Event()
+
+    def repeat() -> None:
+        while not is_over.is_set():
+            work()
+
+    thread = threading.Thread(target=repeat)
+    thread.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        thread.join()

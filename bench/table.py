@@ -25,13 +25,14 @@ own.
 
 `<!-- tried NAME -->` is followed by the number of trials of `./dev try NAME`, until `<!-- /tried -->`, and
 `<!-- figure PATTERN as FORM -->` by the figures of that pattern as in a cell, until `<!-- /figure -->`. A form that
-begins with "median" leaves out least and greatest.
+begins with "median" leaves out least and greatest. `<!-- chart NAME as TEXT -->`, on a line of its own, is followed by
+that chart of bench/charts.py, once it is drawn, until `<!-- end of chart -->`.
 
 Each result comes from one commit and one processor. Those of a checkout with local changes are rejected, and so are
 those of commits that are not in the history, which nobody could measure again; a shallow clone and a folder without git
 of its own cannot tell, so there this is not checked. A "remark" is written by hand into the JSON file of a result that
 needs an explanation, and shown with its figures; a new measurement has none. Figures of others, such as those of a
-publication, have a "source" instead of a commit, and stand in no table.
+publication, have a "source" instead of a commit, and stand only beside ours.
 """
 
 from __future__ import annotations
@@ -55,6 +56,7 @@ TRIALS = ROOT / "bench" / "tried.json"
 TABLE = re.compile(r"(<!-- table( by source)?\n(.*?)-->\n).*?(<!-- end of table -->)", re.DOTALL)
 TRIED = re.compile(r"(<!-- tried (\w+) -->).*?(<!-- /tried -->)")
 FIGURE = re.compile(r"(<!-- figure (.+?) as (.*?) -->).*?(<!-- /figure -->)")
+CHART = re.compile(r"(<!-- chart ([\w-]+) as (.*?) -->\n).*?(<!-- end of chart -->)", re.DOTALL)
 WORD = re.compile(r"\{(\w*)(?::([^}]*))?\}")
 BY_SOURCE = ("processor", "commit")
 
@@ -127,11 +129,14 @@ def may_be_in_history(commit: str) -> bool:
 def processor_of(result: Result) -> str:
     machine = result["machine"]
     gpu = f"{machine['gpu']}, " if "gpu" in machine else ""
-    return f"{gpu}{machine['cpu']}, {machine['logical_processors']} logical processors, {machine['simd']}"
+    simd = f", {machine['simd']}" if "simd" in machine else ""
+    return f"{gpu}{machine['cpu']}, {machine['logical_processors']} logical processors{simd}"
 
 
 def source(result: Result) -> str:
-    """Describe the machine and the commits of a result."""
+    """Describe the machine and the commits of a result, or its source."""
+    if "source" in result:
+        return f"{processor_of(result)}: {result['source']}"
     parts = "".join(f", {part['what']}: {part['commit'][:7]}" for part in result.get("parts", ()))
     remark = f". {result['remark']}" if "remark" in result else ""
     return f"{processor_of(result)}, commit {result['commit'][:7]}, {result['commit_date']}{parts}{remark}"
@@ -230,7 +235,7 @@ def tables(spec: str, by_source: bool, results: Results) -> str:
         names += used
         if cells:
             written.append(pivot(cells, corner))
-    if not written:
+    if all("source" in results[name] for name in names):  # or there is none
         return "Not measured yet.\n"
     if not by_source:
         written.insert(0, "\n".join(source(results[name]) + "\n" for name in dict.fromkeys(names)))
@@ -238,7 +243,7 @@ def tables(spec: str, by_source: bool, results: Results) -> str:
 
 
 def document(text: str, results: Results, trials: Results) -> str:
-    """Return a document with its tables, its figures and its numbers of trials."""
+    """Return a document with its tables, its figures, its charts and its numbers of trials."""
 
     def count(match: re.Match[str]) -> str:
         if (trial := trials.get(match[2])) is None:
@@ -255,7 +260,12 @@ def document(text: str, results: Results, trials: Results) -> str:
             return f"{match[1]}{shown([statistics.median(values)], figures[0]['unit'], rest)}{match[4]}"
         return f"{match[1]}{shown(values, figures[0]['unit'], match[3])}{match[4]}"
 
-    text = FIGURE.sub(figure, text)
+    def chart(match: re.Match[str]) -> str:
+        is_drawn = (ROOT / "docs" / "images" / f"{match[2]}.svg").exists()
+        shown = f"![{match[3]}](../images/{match[2]}.svg)" if is_drawn else "Not measured yet."
+        return f"{match[1]}{shown}\n{match[4]}"
+
+    text = CHART.sub(chart, FIGURE.sub(figure, text))
     written = TABLE.sub(lambda m: f"{m[1]}{tables(m[3], bool(m[2]), results)}{m[4]}", text)
     return TRIED.sub(count, written)
 
@@ -300,6 +310,10 @@ def main() -> None:
         return
     refuse_unknown_sources(results)
     refuse_unknown_sources(trials)
+    sys.path.append(str(Path(__file__).parent))  # not there after `python -m bench.table`
+    import charts  # imports matplotlib
+
+    charts.draw(results, ROOT / "docs" / "images", args.check)
     for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))):
         text = path.read_text(encoding="utf-8")
         if (written := document(text, results, trials)) == text:
@@ -307,10 +321,6 @@ def main() -> None:
         if args.check:
             sys.exit(f"{path.name}: its figures are out of date: run python bench/table.py")
         path.write_text(written, encoding="utf-8")
-    sys.path.append(str(Path(__file__).parent))  # not there after `python -m bench.table`
-    import charts  # imports matplotlib
-
-    charts.draw(results, ROOT / "docs" / "images", args.check)
 
 
 if __name__ == "__main__":

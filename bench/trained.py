@@ -1,4 +1,4 @@
-"""Trainings by `training/train_ppo.py`: the camera and pixel tasks, and a policy that is flown by rotors, too.
+"""Trainings by `training/train_ppo.py`: the pixel task, and a policy that is flown by rotors, too.
 
 Each seed is trained from scratch. Generated playgrounds choose the model and stop the training. The chosen model then
 flies once for the report: the bundled playgrounds, and 100 generated ones that are used for nothing else.
@@ -71,10 +71,6 @@ def task_figures(args: Args, seeds: Sequence[int] = SEEDS, out: Path = OUT) -> I
         us = Median(1e6 * outcome.seconds_by_part[part] / outcome.steps for outcome in outcomes)
         name = f"train/{args.task}/microseconds_per_step/{part.replace(', ', '_').replace(' ', '_')}"
         yield figure(name, us, "us", len(outcomes))
-
-
-def camera() -> Iterator[Figure]:
-    return task_figures(DEFAULTS["camera"])
 
 
 def pixels() -> Iterator[Figure]:

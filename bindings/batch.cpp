@@ -419,6 +419,14 @@ void register_batch(py::module_& module) {
           },
           py::arg("visible"), py::arg("mask") = none)
       .def(
+          "set_beams_visible",
+          [](Batch& batch, const py::object& visible, const py::object& mask) {
+            const bool shown = from_python<bool>(visible, "visible");
+            const auto m = flags(mask, "mask", num_drones(batch));
+            in_turn(batch, [&] { batch.move_lines().set_beams_visible(shown, m); });
+          },
+          py::arg("visible"), py::arg("mask") = none)
+      .def(
           "move_line",
           [](const Batch& batch, std::int64_t index) {
             return rows(in_turn(batch, [&] { return batch.move_lines().path(drone_at(batch, index)); }));

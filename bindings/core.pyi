@@ -1818,6 +1818,13 @@ class Batch:
         Observations do not change, and a snapshot contains no lines.
         """
 
+    def set_beams_visible(self, visible: bool, mask: npt.ArrayLike | None = None) -> None:
+        """Show or hide the beams of the LiDARs of drones, in `picture` and the views of `DroneVectorEnv.render`.
+
+        `picture` takes a new scan, and draws each beam in orange up to its hit, or as long as the LiDAR's range.
+        Observations do not change. `remove` hides the beams, and a snapshot does not contain the flags.
+        """
+
     def move_line(self, index: int) -> _F32:
         """Return the visible move line of a drone: positions (K, 3) m, world frame, oldest first, as a new array.
 
@@ -1828,9 +1835,9 @@ class Batch:
         """
 
     def picture(self, index: int, camera: str | None = None) -> _U8:
-        """Return the frame of one drone, rgb or otherwise grey, with move lines: (height, width, 3), as a new array.
+        """Return the frame of one drone, rgb or otherwise grey, with lines: (height, width, 3), as a new array.
 
-        The visible lines of all drones of its env are drawn wherever the world does not hide them, two pixels wide in
+        The visible move lines and beams of all drones of its env are drawn wherever the world does not hide them, two pixels wide in
         an image of 640 pixels. The camera's own images do not change.
 
         Raises

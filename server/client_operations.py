@@ -26,7 +26,7 @@ ONEOFS = {"rotation": "Orientation"}
 RESULTS = {
     "Done": "void",
     "Config": "std::string",
-    "MoveLineVisible": "bool",
+    "Visible": "bool",
     "Drones": "std::vector<Drone>",
     "Worlds": "std::vector<World>",
     "Configs": "BodyConfigs",

@@ -1,8 +1,9 @@
 """Reproduce the thesis: `./dev thesis [NAME...]` measures what is missing of a table, a figure or an experiment.
 
-Each job has rows, and each row keeps its own result in out/thesis/NAME/ROW.json as soon as it is measured, so that an
+Each job has rows, and each row keeps its own result in out/thesis/NAME/ROW.json when it is measured, so that an
 interrupted job goes on where it stopped. Once all rows of a job are there, it writes out/bench/thesis_NAME.json;
-`python bench/table.py --keep` keeps that and writes the pages of docs/thesis/. `--fresh` measures all rows again.
+`python bench/table.py --keep` keeps that and writes the pages of docs/thesis/. `--fresh` measures all rows again. A job
+that only draws writes its pictures to docs/images/.
 """
 
 from __future__ import annotations
@@ -23,13 +24,18 @@ ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "out"
 Rows = Mapping[str, Callable[[], Iterable[Measured | Figure]]]
 
-#: What is measured or drawn, by name: the function of this package that returns its rows.
+#: Jobs that measure, by name: the function of this package that returns its rows.
 JOBS = {
+    "movement": "benchmarks:movement",
+    "scans": "benchmarks:scans",
+    "cameras": "benchmarks:cameras",
     "lidar": "experiments:lidar",
     "camera": "experiments:camera",
     "claims": "claims:claims",
     "profile": "claims:profile",
 }
+#: Jobs that only draw, by name: the function that draws.
+DRAWN = {"pictures": "pictures:draw"}
 
 
 def measured(name: str, row: str, measure: Callable[[], Iterable[Measured | Figure]], fresh: bool) -> dict[str, Any]:
@@ -51,10 +57,16 @@ def measured(name: str, row: str, measure: Callable[[], Iterable[Measured | Figu
     return {**at, "figures": figures}
 
 
+def function(path: str) -> Callable[[], Any]:
+    """Return a function of this package, such as "pictures:draw"."""
+    module, _, name = path.partition(":")
+    found: Callable[[], Any] = getattr(importlib.import_module(f"thesis.{module}"), name)
+    return found
+
+
 def reproduce(name: str, fresh: bool) -> None:
     """Measure the rows of a job that are not kept, and write all of them as one result."""
-    module, _, function = JOBS[name].partition(":")
-    rows: Rows = getattr(importlib.import_module(f"thesis.{module}"), function)()
+    rows: Rows = function(JOBS[name])()
     results = {row: measured(name, row, measure, fresh) for row, measure in rows.items()}
     last = results[next(reversed(results))]
     if len({json.dumps(each["machine"]) for each in results.values()}) > 1:
@@ -74,14 +86,17 @@ def reproduce(name: str, fresh: bool) -> None:
 def main() -> None:
     """Reproduce the named jobs, or all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(JOBS)}; default: all")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(JOBS | DRAWN)}; default: all")
     parser.add_argument("--fresh", action="store_true", help="measure rows again that are kept")
     args = parser.parse_args()
     for name in args.names:
-        if name not in JOBS:
-            parser.error(f"NAME: expected one of {', '.join(JOBS)}, got {name!r}")
-    for name in args.names or JOBS:
-        reproduce(name, args.fresh)
+        if name not in JOBS | DRAWN:
+            parser.error(f"NAME: expected one of {', '.join(JOBS | DRAWN)}, got {name!r}")
+    for name in args.names or JOBS | DRAWN:
+        if name in DRAWN:
+            function(DRAWN[name])()
+        else:
+            reproduce(name, args.fresh)
 
 
 if __name__ == "__main__":

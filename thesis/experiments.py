@@ -8,22 +8,30 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import stable_baselines3
+import torch
 
 import flockstep
-from flockstep.evaluation import first_episodes
-from flockstep.registration import make_same_step
+from flockstep import CameraConfig
+from flockstep.registration import make_by_id
+from flockstep.trainings import TRAININGS
 from flockstep.trainings.learning import Callback
 from flockstep.trainings.presets import Preset
 from timing import Measured
+from training.evaluate import Flight, first_flights
+from training.plot_paths import plot_overview
 
 POLICIES = Path(__file__).resolve().parents[1] / "out" / "thesis" / "policies"
+IMAGES = POLICIES.parents[2] / "docs" / "images"
 SEEDS = range(5)
 MAX_STEPS = 1000  # of a flight; a successful one takes about a hundred
+OTHERS_STEPS = 3_686_400  # of the other algorithms, a tenth of the thesis's steps
 SAMPLED = 50  # flights through each playground with sampled actions, as in training
 
 Figures = Iterator[Measured | dict[str, Any]]
@@ -42,35 +50,46 @@ class Curve(Callback):
             self.points.append((self.model.num_timesteps, round(float(np.mean([each["r"] for each in ended])), 1)))
 
 
-def flights(model: Any, experiment: Preset, worlds: str, times: int = 1) -> Iterator[tuple[str, bool, float]]:
-    """Fly through each world; yield its name, whether the drone arrived, and the reward.
-
-    Once by the likeliest actions, and more often by sampled ones.
-    """
+def flights(model: Any, experiment: Preset, worlds: str, times: int = 1) -> list[Flight]:
+    """Fly through each world: once by the likeliest actions, and more often by sampled ones."""
     scenes = flockstep.scenes.load(worlds) * times
     keywords = {**experiment.keywords(), "worlds": scenes, "max_episode_steps": MAX_STEPS}
-    envs = make_same_step("thesis", experiment.env, len(scenes), **keywords)
-    ends = first_episodes(lambda seen: model.predict(seen, deterministic=times == 1)[0], envs, "thesis", 0)
-    for world, end in zip(scenes, ends, strict=True):
-        arrived = flockstep.EpisodeEnd(end["episode_end"]) is flockstep.EpisodeEnd.success
-        yield world.name, arrived, float(end["episode"]["r"])
-    envs.close()
+    envs = make_by_id(experiment.env, len(scenes), autoreset_mode="disabled", **keywords)
+    return first_flights(lambda seen: model.predict(seen, deterministic=times == 1)[0], envs, scenes)
 
 
-def trained(experiment: Preset, name: str, seed: int, training: str, validation: str) -> Figures:
-    """Train by a table of the thesis, and fly through its playgrounds."""
-    curve, envs = Curve(), experiment.make_envs(num_threads=1)
+def trained(
+    experiment: Preset, name: str, seed: int, training: str, validation: str, flown: Preset | None = None
+) -> Figures:
+    """Train by a table of the thesis, or by other settings, and fly the thesis's experiment through its playgrounds."""
+    envs = experiment.make_envs(num_threads=1)
     model = flockstep.PPO("MlpPolicy", envs, seed=seed, num_threads=1, **experiment)
-    begun = time.process_time()
-    model.learn(experiment.steps, [curve], log_interval=None)
-    seconds = time.process_time() - begun
+    yield from learned(model, flown or experiment, experiment.steps, training, validation)
     POLICIES.mkdir(parents=True, exist_ok=True)
     model.save(POLICIES / f"{name}.zip")
     envs.close()
+
+
+def trained_by(algorithm: str, experiment: Preset, training: str, validation: str) -> Figures:
+    """Train by the defaults of another algorithm of Stable-Baselines3."""
+    envs = experiment.make_envs(num_threads=1)
+    learner = getattr(stable_baselines3, algorithm)
+    torch.set_num_threads(1)
+    model = learner("MlpPolicy", flockstep.sb3.DroneVecEnv(envs), seed=0, device="cpu")
+    yield from learned(model, experiment, OTHERS_STEPS, training, validation)
+    envs.close()
+
+
+def learned(model: Any, experiment: Preset, steps: int, training: str, validation: str) -> Figures:
+    """Train a model, and fly it through the playgrounds."""
+    curve, begun = Curve(), time.process_time()
+    model.learn(steps, [curve], log_interval=None)
+    seconds = time.process_time() - begun
     yield from judged(model, experiment, training, validation)
-    positive = next((steps for steps, reward in curve.points if reward > 0), float("nan"))
-    yield "first_positive", positive, "", 1
-    yield "steps_per_second", experiment.steps / seconds, "1/s", 1
+    positive = [steps for steps, reward in curve.points if reward > 0]
+    if positive:
+        yield "first_positive", positive[0], "", 1
+    yield "steps_per_second", steps / seconds, "1/s", 1
     thinned = curve.points[:: max(len(curve.points) // 150, 1)]
     yield {"name": "reward", "value": curve.points[-1][1], "unit": "", "runs": 1, "curve": thinned}
 
@@ -78,10 +97,11 @@ def trained(experiment: Preset, name: str, seed: int, training: str, validation:
 def judged(model: Any, experiment: Preset, training: str, validation: str) -> Figures:
     """Fly through the playgrounds of training and validation."""
     for kind, worlds in (("training", training), ("validation", validation)):
-        flown = list(flights(model, experiment, worlds))
-        yield f"{kind}/flown", sum(arrived for _, arrived, _ in flown), "", len(flown)
-        for world, _, reward in flown:
-            yield {"name": f"{kind}/{Path(world).name}", "value": round(reward, 1), "unit": "", "runs": 1}
+        flown = flights(model, experiment, worlds)
+        yield f"{kind}/flown", sum(each.outcome == "success" for each in flown), "", len(flown)
+        for each in flown:
+            name = f"{kind}/{Path(each.world).name}"
+            yield {"name": name, "value": round(each.reward, 1), "unit": "", "runs": 1}
 
 
 def sampled(names: Sequence[str], experiment: Preset, training: str, validation: str) -> Figures:
@@ -89,8 +109,17 @@ def sampled(names: Sequence[str], experiment: Preset, training: str, validation:
     for name in names:
         model = flockstep.PPO.load(POLICIES / f"{name}.zip")
         for kind, worlds in (("training", training), ("validation", validation)):
-            arrived = [each for _, each, _ in flights(model, experiment, worlds, SAMPLED)]
-            yield f"{name.rpartition('_')[2]}/{kind}", float(np.mean(arrived)), "1", len(arrived)
+            flown = flights(model, experiment, worlds, SAMPLED)
+            share = sum(each.outcome == "success" for each in flown) / len(flown)
+            yield f"{name.rpartition('_')[2]}/{kind}", share, "1", len(flown)
+
+
+def draw_paths(experiment: Preset, name: str, worlds: Sequence[str]) -> None:
+    """Draw the flights of a kept policy: figures 6.3 and 6.4, or 6.8 and 6.9."""
+    model = flockstep.PPO.load(POLICIES / f"{name}.zip")
+    flown = [flight for each in worlds for flight in flights(model, experiment, each)]
+    scenes = [scene for each in worlds for scene in flockstep.scenes.load(each)]
+    plot_overview(scenes, flown, IMAGES / f"thesis-{name.split('_')[0]}-paths.png")
 
 
 def lidar() -> Mapping[str, Callable[[], Figures]]:
@@ -98,7 +127,8 @@ def lidar() -> Mapping[str, Callable[[], Figures]]:
     unit = {f"unit_{seed}": partial(trained, flockstep.thesis.lidar(), f"lidar_unit_{seed}", seed) for seed in SEEDS}
     largest = partial(trained, flockstep.thesis.lidar("maximum"), "lidar_largest_0", 0)
     again = partial(sampled, [f"lidar_unit_{seed}" for seed in SEEDS], flockstep.thesis.lidar())
-    rows = {**unit, "sampled": again, "largest_0": largest}
+    others = {name.lower(): partial(trained_by, name, flockstep.thesis.lidar()) for name in ("A2C", "DQN")}
+    rows = {**unit, "sampled": again, "largest_0": largest, **others}
     return {row: partial(each, "train", "validation") for row, each in rows.items()}
 
 
@@ -107,5 +137,9 @@ def camera() -> Mapping[str, Callable[[], Figures]]:
     small = {f"64_{seed}": partial(trained, flockstep.thesis.camera(64), f"camera_64_{seed}", seed) for seed in SEEDS}
     large = partial(trained, flockstep.thesis.camera(), "camera_640_0", 0)
     again = partial(sampled, [f"camera_64_{seed}" for seed in SEEDS], flockstep.thesis.camera(64))
-    rows = {**small, "sampled": again, "640_0": large}
+    row = TRAININGS["camera"]
+    images = CameraConfig(width_px=640, height_px=480)
+    settings = Preset(replace(row, learns=lambda: {**row.learns(), "camera": images}))
+    ours = partial(trained, settings, "camera_ours_640_0", 0, flown=flockstep.thesis.camera())
+    rows = {**small, "sampled": again, "ours_640_0": ours, "640_0": large}
     return {row: partial(each, "camera-train", "camera-validation") for row, each in rows.items()}

@@ -86,6 +86,18 @@ def fly(
         **({"random_start": True} if random_start else {}),
         **({"motion": motion} if motion != "kinematic" else {}),  # otherwise the task's own motion
     )
+    shortest_m = [shortest_path_m(world, setup) if shortest else None for world in worlds]
+    return first_flights(policy, envs, worlds, seed, shortest_m)
+
+
+def first_flights(
+    policy: Policy,
+    envs: flockstep.DroneVectorEnv,
+    worlds: Sequence[flockstep.World],
+    seed: int = 0,
+    shortest_m: Sequence[float | None] = (),
+) -> list[Flight]:
+    """Fly the first episode of each env, whose autoreset is disabled, and close the envs; world i is that of env i."""
     positions: list[npt.NDArray[np.float32]] = []
     decisions = np.ones(len(worlds), int)
 
@@ -109,7 +121,7 @@ def fly(
                 steps=int(end["episode"]["l"]),
                 reward=float(end["episode"]["r"]),
                 path_length_m=length_m(trail),
-                shortest_path_m=shortest_path_m(worlds[i], setup) if shortest else None,
+                shortest_path_m=shortest_m[i] if shortest_m else None,
                 trail=trail,
             )
         )

@@ -57,7 +57,7 @@ def draw_direction(axes: Axes, image: Image, blob: flockstep.GreenBlob) -> None:
 
 def plot(images: Sequence[Image], path: Path) -> None:
     """Write a picture with a row for each image."""
-    figure, grid = plt.subplots(len(images), 3, figsize=(12, 3.2 * len(images)), layout="constrained", squeeze=False)
+    figure, grid = plt.subplots(len(images), 3, figsize=(12, 3.4 * len(images)), layout="constrained", squeeze=False)
     for row, image in zip(grid, images, strict=True):
         blob = flockstep.green_blob(image)
         draw_capture(row[0], image)

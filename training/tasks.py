@@ -22,6 +22,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 import flockstep
 from flockstep.serialization import from_plain
+from flockstep.trainings.table import CAMERA_SIDEWAYS_M, goal_is_ahead, level_playground
 
 #: The bundled tasks and their observations.
 OBSERVATIONS = {"lidar": "goal", "camera": "blob", "pixels": "pixels"}
@@ -35,18 +36,12 @@ IDS = {
 
 EXPECTED = f"{', '.join(OBSERVATIONS)}, an id of flockstep's, module:id or module:Class of a flockstep.Task"
 
-# In the camera playgrounds start and goal have the same height and at most this sideways distance: the goal is ahead of
-# the drone, in view unless a pillar hides it.
-CAMERA_HEIGHT_M = 3.12
-CAMERA_SIDEWAYS_M = 2.5
-
 # Pillars that block a leg: their distance from markers and, at first, from other pillars is as in the generator. They
 # stand at most BESIDE_M from the leg along x and y.
 MARKER_CLEARANCE_M = 0.9
 PILLAR_GAP_M = 1.4
 BESIDE_M = 0.3
 PILLAR_TRIES = 200
-
 
 #: Warning of every program here that loads a policy.
 TRUST = "Loading a policy file runs code that is in it (it holds pickled Python objects): load only policies you trust."
@@ -245,31 +240,14 @@ class Setup:
         for seed in seeds:
             if len(worlds) == count:
                 break
-            world: flockstep.World | None = flockstep.World.playground(seed=seed)
-            assert world is not None
-            if self.has_camera:
-                if ahead and abs(world.goal[1] - world.start[1]) > CAMERA_SIDEWAYS_M:
-                    continue
-                world = without_waypoints(world)
-            if blocked:
-                world = with_blocked_legs(world, seed)
-            if world is not None:
-                worlds.append(world)
+            world = level_playground(seed) if self.has_camera else flockstep.World.playground(seed=seed)
+            if self.has_camera and ahead and not goal_is_ahead(world):
+                continue
+            if (found := with_blocked_legs(world, seed) if blocked else world) is not None:
+                worlds.append(found)
         if len(worlds) < count:
             raise ValueError(f"count: expected at most {len(worlds)}, as many as {seeds} give, got {count}")
         return worlds
-
-
-def without_waypoints(world: flockstep.World) -> flockstep.World:
-    """Return a generated playground without waypoints, its start and goal set to the height of the camera task."""
-    scene = world.to_dict()
-    markers = scene["markers"]
-    markers.pop("waypoints", None)
-    for place in (markers["start"], markers["goal"]):
-        place[2] = CAMERA_HEIGHT_M
-    for corner, side in (("min", -1), ("max", 1)):
-        markers["spawn_box"][corner][2] = CAMERA_HEIGHT_M + 0.25 * side
-    return flockstep.World.from_dict(scene)
 
 
 def with_blocked_legs(world: flockstep.World, seed: int) -> flockstep.World | None:

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import World, WorldBuilder
+from flockstep import quadrotor_mesh
+from flockstep._core import DroneModel, World, WorldBuilder
 from flockstep.hull_simplify import simplified_hull, thickness
 
 if TYPE_CHECKING:
@@ -143,6 +144,38 @@ class DroneMesh:
         simplified.triangles_in_file = whole.triangles_in_file
         simplified._outermost = _outermost(vertices)
         return simplified
+
+    @classmethod
+    def quadrotor(cls, drone: DroneModel) -> DroneMesh:
+        """Make a mesh from the numbers of a drone's file: body, arms, motors, propellers and legs.
+
+        It is the look of the drone in `DroneVectorEnv.render`. The propellers stand still, turned so that the hull
+        encloses them, if it can.
+
+        Parameters
+        ----------
+        drone
+            A model with rotors, such as ``DroneModel.load("t650")``.
+
+        Raises
+        ------
+        ValueError
+            The model has no rotors.
+        """
+        if drone.to_dict().get("rotors") is None:
+            raise ValueError(f"drone: expected a model with rotors, got {drone!r}")
+        return cls._quadrotor(drone, quadrotor_mesh.COLORS)
+
+    @classmethod
+    def _quadrotor(cls, drone: DroneModel, colors: Mapping[str, quadrotor_mesh.Rgb]) -> DroneMesh:
+        solids = quadrotor_mesh.quadrotor(drone, colors)
+        starts = np.cumsum([0, *(len(corners) for corners, _, _ in solids)])
+        return cls(
+            np.concatenate([corners for corners, _, _ in solids]),
+            np.concatenate([triangles + start for (_, triangles, _), start in zip(solids, starts, strict=False)]),
+            np.concatenate([np.tile(color, (len(triangles), 1)) for _, triangles, color in solids]),
+            drone.name,
+        )
 
     @classmethod
     def _of_world(cls, world: World) -> DroneMesh:

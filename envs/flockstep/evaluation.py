@@ -57,7 +57,7 @@ def evaluate(
     with other drones needs the same keywords about drones here as in its training.
 
     >>> flockstep.evaluate(None, "flockstep/Hover-v0").ends  # random actions
-    {'success': 0.0, 'contact': 0.21, 'left_area': 0.79, 'bad_state': 0.0, 'time': 0.0, 'task': 0.0}
+    {'success': 0.0, 'contact': 0.21, 'left_area': 0.79, 'bad_state': 0.0, 'time': 0.0, 'task': 0.0, 'teammate': 0.0}
 
     Parameters
     ----------

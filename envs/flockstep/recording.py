@@ -67,7 +67,7 @@ def record(
         replayed. None: film the first episode, whether it succeeds or not.
     render_view
         As in `DroneVectorEnv`; ``render_size``, ``render_camera``, ``render_style``, such as ``"dark"``,
-        ``render_samples`` and ``drone_mesh`` are also accepted.
+        ``render_samples``, ``render_beams`` and ``drone_mesh`` are also accepted.
     fps
         Pictures per second. The film has one picture before the first step and one after each step. None: the speed of
         flight, ``policy_hz / frame_skip``, rounded, at least 1. Browsers show at most 50 pictures per second of a GIF.

@@ -100,7 +100,7 @@ class Task:
         already over, as in the step that resets it. In False rows the drone does not move, the result of `step` is
         discarded, and any state of yours that affects the observation should stay unchanged. Read-only.
     success
-        (N,) bool: write it in `step`; the infos of ended episodes report it.
+        (N,) bool: write it in `step`; the infos of ended episodes report it. It ends no episode itself.
     truncated
         (N,) bool: set it in `step` to cut an episode off for a reason other than ``max_episode_steps``, without ending
         the task. It is all False when `step` is called.

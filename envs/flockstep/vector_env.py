@@ -91,8 +91,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         of the drone's own camera; black if it is stale. ``"third_person"``: from behind and above the drone, with LiDAR
         beams, camera frustums and the trail. ``"fleet"``: the same, with the other drones of its world. Two points (m,
         world frame), such as ``((0, -8, 5), (4, 4, 1))``: the same as ``"fleet"``, seen from the first point towards
-        the second. Every view shows the lines of `Batch.set_move_line_visible`. Default: ``"third_person"`` for
-        tasks in which attitude and height matter, otherwise ``"top"``.
+        the second. All show the lines of `Batch.set_move_line_visible` and the beams of `Batch.set_beams_visible`.
+        Default: ``"third_person"`` for tasks in which attitude and height matter, otherwise ``"top"``.
     render_size
         Width and height of the pictures in pixels. Default: 256 x 256 for ``"top"``, the camera's own size for
         ``"camera"``, otherwise 640 x 480. With ``"camera"``, frames are scaled if the size is not the camera's own.
@@ -103,11 +103,12 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
     render_samples
         Samples per pixel of perspective views, 1, 4, 9 or 16: with 1, edges are jagged and a picture takes a third of
         the time.
+    render_beams
+        False: views show only the LiDAR beams of `Batch.set_beams_visible`.
     drone_mesh
         A `DroneMesh`, or a `World` of triangles, that shows the drones in perspective views, from behind and from a
-        fixed point, and to the cameras of other drones, if these see each other. Default: in views a shape made from
-        the drone's model, arms and rotors if it has rotors, otherwise its hull; for cameras its hull. LiDARs and
-        collisions always use the hull of ``drone``.
+        fixed point, and to the cameras of other drones, if these see each other. Default: in views
+        `DroneMesh.quadrotor`, for cameras its hull. LiDARs and collisions always use the hull of ``drone``.
     **keywords
         Fields of the env's `Recipe` and of its configurations, as follows. The task sets their defaults. One
         configuration stands for a list of one.
@@ -195,6 +196,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         render_camera: str | None = None,
         render_style: str = "bright",
         render_samples: int = 4,
+        render_beams: bool = True,
         drone_mesh: DroneMesh | World | None = None,
         **keywords: Unpack[EnvKeywords],
     ) -> None:
@@ -229,7 +231,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         recipe.worlds = names_of_worlds(worlds)
         words = getattr(recipe.task, "_words", {})  # only a task of the engine has them
         view = words.get("view", "top") if render_view is None else render_view
-        shown = choice.choose(view, render_size, render_camera, render_style, render_samples)
+        shown = choice.choose(view, render_size, render_camera, render_style, render_samples, render_beams)
         self._recipe = recipe
         self.copy = copy
         self.drones_per_env = recipe.drones_per_env

@@ -166,6 +166,9 @@ TEST(Client, TakesPictures) {
   EXPECT_FALSE(drone.get_move_line_visible());
   drone.set_move_line_visible(true);
   EXPECT_TRUE(drone.get_move_line_visible());
+  EXPECT_FALSE(drone.get_beams_visible());
+  drone.set_beams_visible(true);
+  EXPECT_TRUE(drone.get_beams_visible());
 
   drone.set_camera_config(R"({"width_px": 16, "height_px": 12, "hfov_deg": 60})");
   const auto config = config_of<CameraConfig>(drone.get_camera_config());

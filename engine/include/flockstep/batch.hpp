@@ -328,8 +328,9 @@ class FLOCKSTEP_API Batch::Camera {
 // The paths of drones, recorded after every motion while they are visible; not part of a snapshot.
 class FLOCKSTEP_API Batch::MoveLines {
  public:
-  void set_visible(bool visible, DroneMask mask = {});  // begins a line at the drone's position; false discards it
-  const MoveLineState& state() const;                   // the drones whose lines are visible
+  void set_visible(bool visible, DroneMask mask = {});        // begins a line at the drone's position; false discards it
+  void set_beams_visible(bool visible, DroneMask mask = {});  // of all LiDARs, for Camera::picture()
+  const MoveLineState& state() const;                         // the drones whose lines and beams are visible
   // Returns the recorded positions of a drone (K, 3) in m, world frame, oldest first; K is at most 4096. A row of NaN separates
   // two pieces: a new one begins when the drone is placed by set_pose(), a reset, spawn() or restore().
   std::vector<Vec3> path(DroneIndex drone) const;

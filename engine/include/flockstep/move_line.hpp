@@ -1,4 +1,4 @@
-// MoveLineState: the drones whose move lines are visible. A move line is the path that a drone has flown.
+// MoveLineState: the drones whose lines pictures show. A move line is the path that a drone has flown.
 #pragma once
 
 #include "flockstep/arrays.hpp"
@@ -7,16 +7,20 @@
 
 namespace flockstep {
 
-// Flags of the move lines of a batch.
+// Flags of the lines of a batch.
 struct MoveLineState {
-  FlagArray move_line_visible;
+  FlagArray move_line_visible, beams_visible;
 
   static constexpr auto fields() {
     using C = MoveLineState;
     return field_list(array("move_line_visible", &C::move_line_visible,
                             {.values = Values::flag,
                              .writer = "set_move_line_visible(), remove()",
-                             .about = "True if the drone's path is recorded and shown in pictures"}));
+                             .about = "True if the drone's path is recorded and shown in pictures"}),
+                      array("beams_visible", &C::beams_visible,
+                            {.values = Values::flag,
+                             .writer = "set_beams_visible(), remove()",
+                             .about = "True if pictures show the beams of the drone's LiDARs"}));
   }
 };
 

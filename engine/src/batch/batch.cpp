@@ -116,9 +116,15 @@ void mark_absent(Simulation& sim, DroneIndex drone) {
   score.terminated[row] = score.truncated[row] = score.success[row] = score.left_area[row] = 0;
 }
 
-// Makes the move lines of removed drones invisible.
+// Makes the move lines and beams of removed drones invisible.
 void hide_absent(Simulation& sim) {
   std::vector<DroneIndex> absent;
+  const FlagArray& shown = sim.move_lines.flags().beams_visible;
+  for (std::size_t i = 0; i < shown.size(); ++i) {
+    if (shown[i] && is_removed(sim, DroneIndex(i))) absent.emplace_back(i);
+  }
+  sim.move_lines.set_beams_visible(false, absent);
+  absent.clear();
   for (const DroneIndex drone : sim.move_lines.visible()) {
     if (is_removed(sim, drone)) absent.push_back(drone);
   }

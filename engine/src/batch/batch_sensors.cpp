@@ -1,6 +1,7 @@
 // The members of Batch that concern sensors.
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -23,6 +24,8 @@
 namespace flockstep {
 
 namespace {
+
+const Vec3 kNoPoint = Vec3::Constant(std::numeric_limits<float>::quiet_NaN());  // separates two lines
 
 [[noreturn]] void refuse_name(std::string_view kind, std::string_view name, const std::vector<std::string_view>& known) {
   std::string names;
@@ -47,6 +50,34 @@ std::vector<DroneIndex> selected_list(const Simulation& sim, DroneMask mask) {
 const sensors::Lidar& lidar_of(const Simulation& sim, std::size_t lidar) {
   checks::has_lidar(sim, lidar);
   return *sim.suite.lidars()[lidar];
+}
+
+// Scans from the drone's pose, between steps.
+void scan_now(const Simulation& sim, const sensors::Lidar& lidar, DroneIndex drone, std::span<float> out) {
+  trace::Tracer& tracer = sim.scratches[0]->tracer;
+  const EnvIndex env = sim.env_of(drone);
+  const trace::Bodies bodies = sim.bodies ? sim.bodies->shapes().of_env(env, sim.bodies->per_env()) : trace::Bodies();
+  lidar.scan(*sim.scenes[sim.slot_of(env)], bodies, sim.hulls().seen_by(drone, sim.drones_per_env()), pose_of(sim.state, drone),
+             drone, out.data(), tracer);
+  tracer.finish();
+}
+
+// Returns the lines of the beams of all LiDARs of a drone, scanned now. A beam without a hit is as long as the range.
+std::vector<Vec3> beams_of(const Simulation& sim, DroneIndex drone) {
+  std::vector<Vec3> lines;
+  const Pose pose = pose_of(sim.state, drone);
+  for (const auto& lidar : sim.suite.lidars()) {
+    const LidarConfig config = lidar->config_of(drone);
+    const Vec3 origin = pose.position + pose.rotation * Vec3::Map(config.offset_m.data());
+    std::vector<float> ranges(lidar->rays_per_drone()), directions(3 * ranges.size());
+    scan_now(sim, *lidar, drone, ranges);
+    lidar->write_directions(drone, directions);
+    for (std::size_t ray = 0; ray < ranges.size(); ++ray) {
+      const float length = std::min(ranges[ray], config.max_range_m);
+      lines.insert(lines.end(), {origin, origin + length * (pose.rotation * Vec3::Map(&directions[3 * ray])), kNoPoint});
+    }
+  }
+  return lines;
 }
 
 }  // namespace
@@ -144,14 +175,7 @@ void Batch::Lidar::scan(DroneIndex drone, std::span<float> out) const {
   const sensors::Lidar& found = lidar_of(*batch_->sim_, index_);
   checks::index(*batch_->sim_, drone);
   checks::size(out.size(), found.rays_per_drone(), "out");
-  trace::Tracer& tracer = batch_->sim_->scratches[0]->tracer;
-  const EnvIndex env = batch_->sim_->env_of(drone);
-  const trace::Bodies bodies =
-      batch_->sim_->bodies ? batch_->sim_->bodies->shapes().of_env(env, batch_->sim_->bodies->per_env()) : trace::Bodies();
-  found.scan(*batch_->sim_->scenes[batch_->sim_->slot_of(env)], bodies,
-             batch_->sim_->hulls().seen_by(drone, batch_->sim_->drones_per_env()), pose_of(batch_->sim_->state, drone), drone,
-             out.data(), tracer);
-  tracer.finish();
+  scan_now(*batch_->sim_, found, drone, out);
 }
 
 void Batch::Lidar::points(std::span<float> out) const {
@@ -253,13 +277,23 @@ std::vector<std::uint8_t> Batch::Camera::picture(DroneIndex drone) const {
   checks::has_camera(*batch_->sim_, index_);
   checks::index(*batch_->sim_, drone);
   std::vector<std::uint8_t> rgb = batch_->sim_->cameras.rgb(index_, drone);
-  if (!batch_->sim_->move_lines.is_any_visible()) return rgb;
+  const FlagArray& beams = batch_->sim_->move_lines.flags().beams_visible;
+  if (!batch_->sim_->move_lines.is_any_visible() && std::ranges::count(beams, 1) == 0) return rgb;
   // A line in the current world does not belong into the frame of another.
   if (batch_->sim_->cameras[index_].taken_world(drone) != batch_->sim_->state.world_index[batch_->sim_->env_of(drone)])
     return rgb;
+  std::vector<Vec3> lines;  // the scans use the painter's tracer, so they come first
+  for (std::size_t member = 0; member < batch_->sim_->drones_per_env(); ++member) {
+    const DroneIndex other = batch_->sim_->drone_of(batch_->sim_->env_of(drone), member);
+    if (!beams[other]) continue;
+    const std::vector<Vec3> of_drone = beams_of(*batch_->sim_, other);
+    lines.insert(lines.end(), of_drone.begin(), of_drone.end());
+  }
   const render::RenderRequest view = batch_->sim_->cameras.retake(index_, drone);
   const CameraConfig& config = batch_->sim_->cameras[index_].config();
   render::LinePainter painter(view, config.image_width_px(), config.image_height_px(), batch_->sim_->scratches[0]->tracer);
+  painter.add(lines);
+  painter.draw(rgb, render::kBeamColor);
   for (std::size_t member = 0; member < batch_->sim_->drones_per_env(); ++member) {
     painter.add(batch_->sim_->move_lines.rows(batch_->sim_->drone_of(batch_->sim_->env_of(drone), member)));
   }
@@ -284,6 +318,12 @@ void Batch::MoveLines::set_visible(bool visible, DroneMask mask) {
   const CallGuard guard(*batch_->lock_);
   checks::mask(*batch_->sim_, mask);
   batch_->sim_->move_lines.set_visible(visible, selected_list(*batch_->sim_, mask));
+}
+
+void Batch::MoveLines::set_beams_visible(bool visible, DroneMask mask) {
+  const CallGuard guard(*batch_->lock_);
+  checks::mask(*batch_->sim_, mask);
+  batch_->sim_->move_lines.set_beams_visible(visible, selected_list(*batch_->sim_, mask));
 }
 
 const MoveLineState& Batch::MoveLines::state() const { return batch_->sim_->move_lines.flags(); }

@@ -75,11 +75,17 @@ MoveLines::MoveLines(const State& state, std::size_t drones_per_env, std::size_t
 }
 
 void MoveLines::copy(const MoveLines& smaller) {
+  const auto moved = [&](DroneIndex from) {
+    return DroneIndex(from / smaller.drones_per_env_ * drones_per_env_ + from % smaller.drones_per_env_);
+  };
+  for (std::size_t i = 0; i < smaller.flags_.beams_visible.size(); ++i) {
+    if (smaller.flags_.beams_visible[i]) flags_.beams_visible[moved(DroneIndex(i))] = 1;
+  }
   if (!smaller.is_any_visible()) return;
   lines_.resize(flags_.move_line_visible.size());
   visible_.reserve(lines_.size());
   for (const DroneIndex from : smaller.visible_) {
-    const DroneIndex to(from / smaller.drones_per_env_ * drones_per_env_ + from % smaller.drones_per_env_);
+    const DroneIndex to = moved(from);
     lines_[to] = std::make_unique<Recorded>(*smaller.lines_[from]);
     flags_.move_line_visible[to] = 1;
     visible_.push_back(to);
@@ -105,6 +111,10 @@ void MoveLines::set_visible(bool visible, std::span<const DroneIndex> drones) {
   for (std::size_t i = 0; i < flags.size(); ++i) {
     if (flags[i]) visible_.emplace_back(i);
   }
+}
+
+void MoveLines::set_beams_visible(bool visible, std::span<const DroneIndex> drones) {
+  for (const DroneIndex drone : drones) flags_.beams_visible[drone] = visible;
 }
 
 void MoveLines::begin(DroneIndex drone) {

@@ -45,10 +45,11 @@ class MoveLines {
   bool is_any_visible() const { return !visible_.empty(); }
   const std::vector<DroneIndex>& visible() const { return visible_; }  // ascending
 
-  // Copies the lines of a smaller batch. Drone m of env e keeps both numbers.
+  // Copies the lines and flags of a smaller batch. Drone m of env e keeps both numbers.
   void copy(const MoveLines& smaller);
   // Making a line visible records the drone's position; making it invisible discards the line.
   void set_visible(bool visible, std::span<const DroneIndex> drones);
+  void set_beams_visible(bool visible, std::span<const DroneIndex> drones);
   // The next two functions record the drone's position, if its line is visible. A drone that has come into another world begins
   // a new line.
   void begin(DroneIndex drone);  // the drone was placed: begins a piece

@@ -145,15 +145,16 @@ void LinePainter::trace() {
   num_pending_ = 0;
 }
 
-void LinePainter::draw(std::span<std::uint8_t> rgb) {
+void LinePainter::draw(std::span<std::uint8_t> rgb, const LineColor& line) {
   trace();
   for (std::size_t pixel = 0; pixel < cover_.size(); ++pixel) {
     if (cover_[pixel] <= 0.0F) continue;
     for (std::size_t c = 0; c < 3; ++c) {
-      const auto below = static_cast<float>(rgb[3 * pixel + c]), color = static_cast<float>(kMoveLineColor[c]);
+      const auto below = static_cast<float>(rgb[3 * pixel + c]), color = static_cast<float>(line[c]);
       rgb[3 * pixel + c] = static_cast<std::uint8_t>(std::lround(below + cover_[pixel] * (color - below)));
     }
   }
+  std::ranges::fill(cover_, 0.0F);
 }
 
 }  // namespace flockstep::render

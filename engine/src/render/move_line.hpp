@@ -14,7 +14,8 @@
 
 namespace flockstep::render {
 
-inline constexpr std::array<std::uint8_t, 3> kMoveLineColor{0, 230, 60};  // sRGB
+using LineColor = std::array<std::uint8_t, 3>;  // sRGB
+inline constexpr LineColor kMoveLineColor{0, 230, 60}, kBeamColor{250, 130, 70};
 
 // Lines are two pixels wide in an image of 640 pixels, wider in wider images, and have smooth edges. For each pixel of a line
 // the painter traces one ray from the camera to the line's nearest point. It sees what the camera sees: markers, bodies, and
@@ -27,8 +28,8 @@ class LinePainter {
 
   // Adds a line through points in m, world frame. A point that is NaN separates two lines.
   void add(std::span<const Vec3> points);
-  // Draws the lines into rgb: (height, width, 3).
-  void draw(std::span<std::uint8_t> rgb);
+  // Draws the added lines into rgb, (height, width, 3), and forgets them.
+  void draw(std::span<std::uint8_t> rgb, const LineColor& line = kMoveLineColor);
 
  private:
   using Vec3d = Eigen::Vector3d;

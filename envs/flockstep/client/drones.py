@@ -184,12 +184,22 @@ class DroneOperations(SensorOperations):
     @operation
     def get_move_line_visible(self) -> Call[bool]:
         """Return whether the line of the drone's past positions is drawn."""
-        return call("get_move_line_visible", readers.move_line_visible, drone=self.index)
+        return call("get_move_line_visible", readers.visible, drone=self.index)
 
     @operation
     def set_move_line_visible(self, visible: bool) -> Call[None]:
         """Draw the line of the drone's past positions into the RGB images that the server returns, or stop that."""
         return call("set_move_line_visible", nothing, drone=self.index, visible=visible)
+
+    @operation
+    def get_beams_visible(self) -> Call[bool]:
+        """Return whether the beams of the drone's LiDARs are drawn."""
+        return call("get_beams_visible", readers.visible, drone=self.index)
+
+    @operation
+    def set_beams_visible(self, visible: bool) -> Call[None]:
+        """Draw the beams of the drone's LiDARs into the RGB images that the server returns, or stop that."""
+        return call("set_beams_visible", nothing, drone=self.index, visible=visible)
 
     @operation
     def set_command(self, command: npt.ArrayLike, *, control: str = "") -> Call[None]:

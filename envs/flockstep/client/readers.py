@@ -117,9 +117,9 @@ def capture_mode(reply: pb.Reply, arrays: Arrays) -> CaptureMode:
     return mode
 
 
-def move_line_visible(reply: pb.Reply, arrays: Arrays) -> bool:
+def visible(reply: pb.Reply, arrays: Arrays) -> bool:
     """Return the move line visible in a reply."""
-    return bool(reply.move_line_visible.visible)
+    return bool(reply.visible.visible)
 
 
 def time(reply: pb.Reply, arrays: Arrays) -> Time:

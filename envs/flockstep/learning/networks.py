@@ -53,10 +53,15 @@ def network_config(
     ValueError, TypeError
         The learner lacks what the arguments ask for; the message names it.
     """
-    if (policy if isinstance(policy, str) else getattr(policy, "__name__", None)) not in _POLICIES:
+    named = policy if isinstance(policy, str) else getattr(policy, "__name__", None)
+    if named not in _POLICIES:
         raise ValueError(
             f"policy: expected 'MlpPolicy' or 'MultiInputPolicy', got {policy!r}: for images or memory, {_USE_SB3}"
         )
+    needed = "MultiInputPolicy" if isinstance(observation_space, spaces.Dict) else "MlpPolicy"
+    if _POLICIES[named] != needed:
+        kind = type(observation_space).__name__
+        raise ValueError(f"policy: expected {needed!r} for observations in a {kind}, got {policy!r}")
     for name, value in arguments.items():
         if name in _FIXED:
             if not any(value is allowed or value == allowed for allowed in _FIXED[name]):

@@ -26,9 +26,10 @@ class Choice:
     camera: str | None  # a name; None: the first
     style: str
     samples: int
+    own_beams: bool
 
 
-def choose(view: Any, size: Any, camera: Any, style: Any = "bright", samples: Any = 4) -> Choice:
+def choose(view: Any, size: Any, camera: Any, style: Any = "bright", samples: Any = 4, own_beams: Any = True) -> Choice:
     """Check the keywords.
 
     Raises
@@ -59,7 +60,9 @@ def choose(view: Any, size: Any, camera: Any, style: Any = "bright", samples: An
     for name, value, usual in (("style", style, "bright"), ("samples", samples, 4)):
         if value != usual and view in ("top", "camera"):
             raise ValueError(f"render_{name}: expected {usual!r} for render_view={view!r}, got {value!r}")
-    return Choice(view, size, camera, style, int(samples))
+    if not isinstance(own_beams, (bool, np.bool_)):
+        raise ValueError(f"render_beams: expected True or False, got {own_beams!r}")
+    return Choice(view, size, camera, style, int(samples), bool(own_beams))
 
 
 def _is_count(value: Any) -> bool:

@@ -37,6 +37,13 @@ def beams_of(batch: Batch, drone: int) -> tuple[Points, Points, npt.NDArray[np.b
     return origin, origin + directions * np.where(hit, ranges, config.max_range_m)[:, None], hit
 
 
+def with_beams(batch: Batch, drone: int, always: bool, others: Iterable[int] = ()) -> list[int]:
+    """Return the drones whose beams the picture of a drone shows: this one, if always, and all that are visible."""
+    shown = batch.beams_visible & batch.active
+    drones = sorted({*drones_of_env(batch, drone), *others} - {drone})
+    return [other for other in drones if shown[other]] + ([drone] if always or shown[drone] else [])
+
+
 def draw_beams(
     canvas: DepthCanvas,
     style: Style,

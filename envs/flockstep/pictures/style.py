@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +10,9 @@ import numpy as np
 from flockstep._core import World
 from flockstep.pictures import choice
 from flockstep.pictures.depth_canvas import Color
+from flockstep.quadrotor_mesh import COLORS
 from flockstep.relight import DARK_LIGHT
 
-_BRIGHT_DRONE = {"middle": (0.05, 0.06, 0.08), "arm": (0.12, 0.13, 0.16), "rear": (0.08, 0.18, 0.5)}
 _DARKEST, _PALEST = 0.024, 0.26  # brightness of surfaces that were white and black
 _TEXTURED = 0.16  # factor of white
 _COOL = np.array([0.8, 1.0, 1.4])
@@ -28,7 +28,7 @@ class Style:
     frustum: Color
     beam_opacity: Sequence[float]
     """Of equal parts of a beam without a hit, from the drone on; the first is that of all other beams."""
-    drone: dict[str, tuple[float, float, float]]
+    drone: Mapping[str, tuple[float, float, float]]
     """Of a quadrotor's parts, linear RGB."""
     is_dark: bool = False
 
@@ -48,7 +48,7 @@ class Style:
 
 
 _LOOKS = (
-    Style((35, 90, 210), (250, 130, 70), (200, 50, 20), (130, 40, 170), (0.6,), _BRIGHT_DRONE),
+    Style((35, 90, 210), (250, 130, 70), (200, 50, 20), (130, 40, 170), (0.6,), COLORS),
     Style(
         (70, 190, 255),
         (255, 120, 50),

@@ -12,7 +12,7 @@ from flockstep.drone_mesh import DroneMesh
 from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import DepthCanvas, Floats, Image, Ints
 from flockstep.pictures.drawing import Drawing, Overlay, line_px
-from flockstep.pictures.lines import Trail, beams_of, draw_beams, draw_move_lines, drones_of_env
+from flockstep.pictures.lines import Trail, beams_of, draw_beams, draw_move_lines, drones_of_env, with_beams
 from flockstep.pictures.posed_bodies import posed_bodies
 from flockstep.pictures.stage import Stage
 from flockstep.pictures.style import STYLES
@@ -44,7 +44,8 @@ class ThirdPersonView:
         Past positions of the drones, drawn smoothed; a viewer behind the drone sees the last 12 drone lengths. None
         draws no trails. With a trail the viewer follows a drone smoothly.
     beams
-        Draw the LiDAR's beams. A beam without a hit is as long as the LiDAR's range.
+        Draw the LiDAR's beams even if `Batch.set_beams_visible` does not show them. A beam without a hit is as long as
+        the LiDAR's range.
     others
         Also draw the other drones of the same world, in paler colours.
     size_px
@@ -129,7 +130,8 @@ class ThirdPersonView:
             self._draw_cameras(canvas, env, position, quat_wxyz)
             if self._overlay is not None:
                 self._overlay.draw(self._batch, env, Drawing(canvas, self._line_px))
-            self._draw_beams(canvas, env)  # last, because they are transparent
+            for drone in with_beams(self._batch, env, self._beams, map(int, others)):
+                self._draw_beams(canvas, drone)  # last, because they are transparent
         of_other_envs = [int(other) for other in others if other not in drones_of_env(self._batch, env)]
         draw_move_lines(canvas, self._batch, of_other_envs, 2 * self._line_px)
         if faded is not None:
@@ -174,10 +176,8 @@ class ThirdPersonView:
                 sides = np.array([apex, corner]), np.array([corner, following])
                 canvas.lines(*sides, self._style.frustum, width_px=self._line_px)
 
-    def _draw_beams(self, canvas: DepthCanvas, env: int) -> None:
-        if not self._beams:
-            return
-        origin, ends, hit = beams_of(self._batch, env)
+    def _draw_beams(self, canvas: DepthCanvas, drone: int) -> None:
+        origin, ends, hit = beams_of(self._batch, drone)
         some = np.arange(0, len(ends), max(-(-len(ends) // _MAX_BEAMS), 1))
         draw_beams(canvas, self._style, origin, ends[some], hit[some], self._line_px)
         canvas.dots(ends[hit], self._style.hit, size_px=3 * self._line_px)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from flockstep._core import Batch, World
 from flockstep.pictures.depth_canvas import Color, Floats, Image, blended, overlap, tint
 from flockstep.pictures.drawing import Drawing, Overlay, line_px
-from flockstep.pictures.lines import beams_of, draw_move_lines, drones_of_env
+from flockstep.pictures.lines import beams_of, draw_move_lines, drones_of_env, with_beams
 from flockstep.pictures.posed_bodies import outline, posed_bodies
 from flockstep.pictures.relief import SOLID, Relief
 from flockstep.rotations import rotate
@@ -41,7 +41,8 @@ class TopView:
     batch
         The batch with the drones to draw.
     beams
-        Draw the LiDAR's beams. A beam without a hit is as long as the LiDAR's range.
+        Draw the LiDAR's beams even if `Batch.set_beams_visible` does not show them. A beam without a hit is as long as
+        the LiDAR's range.
     size_px
         Width and height of the picture. None: 256 x 256.
     cut_m
@@ -87,8 +88,8 @@ class TopView:
             canvas.polygon(outline(body), _BODY)
         draw_move_lines(canvas, self._batch, drones_of_env(self._batch, env), 2 * self._line_px)
         if self._batch.active[env]:
-            if self._beams:
-                origin, ends, hit = beams_of(self._batch, env)
+            for drone in with_beams(self._batch, env, self._beams):
+                origin, ends, hit = beams_of(self._batch, drone)
                 canvas.lines(origin[None], ends, _BEAM, width_px=self._line_px)
                 canvas.dots(ends[hit], _HIT, size_px=2 * self._line_px)
             canvas.polygon(position + hull * canvas.enlarged(float(np.ptp(hull, axis=0)[:2].max())), _DRONE)

@@ -30,7 +30,7 @@ class View(Protocol):
 
 
 class CameraView:
-    """The last frames of one camera of the drones, in colour or otherwise grey, with move lines; black if stale.
+    """The last frames of one camera of the drones, in colour or otherwise grey, with lines; black if stale.
 
     With a size (width, height) they are scaled to fit, pixel by pixel, on black.
     """
@@ -83,12 +83,13 @@ def make(
     drawn = (OVERLAYS[overlay](choice.view == "top") if overlay else None) if isinstance(overlay, str) else overlay
     markers = MARKERS if drawn is None else drawn.markers
     if choice.view == "top":
-        return TopView(batch, size_px=choice.size_px, markers=markers, overlay=drawn), None
+        return TopView(batch, beams=choice.own_beams, size_px=choice.size_px, markers=markers, overlay=drawn), None
     trail = Trail(batch)
     view = ThirdPersonView(
         batch,
         [camera.name for camera in cameras],
         trail,
+        beams=choice.own_beams,
         others=choice.view != "third_person",
         size_px=choice.size_px,
         place=None if isinstance(choice.view, str) else choice.view,

@@ -159,6 +159,12 @@ def straight_by_steps(observation: Array) -> Array:
     return np.asarray(2 * axis + (np.take_along_axis(direction, axis[:, None], axis=1)[:, 0] < 0))
 
 
+def straight_to_blob(observation: Array) -> Array:
+    """Fly to the spot in the image by the three steps of the camera task, sideways until it is ahead."""
+    offset = observation[:, 0]
+    return np.where(np.abs(offset) < 0.1, 0, np.where(offset > 0, 2, 1))
+
+
 def straight_in_swap(observation: Array) -> Array:
     """Fly straight to the goal of Swap, and slow down within 0.15 m of it."""
     most = np.minimum(observation[:, 2:3] * 10 / 0.15, 1)

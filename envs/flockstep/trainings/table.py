@@ -6,6 +6,7 @@ The hyperparameters were found with training seeds of 100 and above; the board r
 from __future__ import annotations
 
 import functools
+import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -19,6 +20,8 @@ from flockstep.trainings.training import TRAINING_SEEDS, Keywords, Training
 
 WAREHOUSES = 16
 """Generated warehouses for training, and for the flights that judge. One takes about 20 MB."""
+CAMERA_HEIGHT_M, CAMERA_SIDEWAYS_M = 3.12, 2.5
+"""Height of the camera task's playgrounds, and how far to the side their goals are at most."""
 LAPS = 3
 NARROWER_M = 0.15
 """How much narrower the gates are in training: a policy that learns in them keeps away from the frames of others."""
@@ -47,6 +50,53 @@ def _lidar() -> Keywords:
         "max_episode_steps": 400,
         "reward_scale": 0.1,
         "reward": NavigationReward(goal_reward=100.0),
+    }
+
+
+def level_playground(seed: int) -> World:
+    """Return a generated playground for the camera task: without waypoints, start and goal at the same height."""
+    scene = generated("playground", seed).to_dict()
+    markers = scene["markers"]
+    markers.pop("waypoints", None)
+    for place in (markers["start"], markers["goal"]):
+        place[2] = CAMERA_HEIGHT_M
+    for corner, side in (("min", -1), ("max", 1)):
+        markers["spawn_box"][corner][2] = CAMERA_HEIGHT_M + 0.25 * side
+    return World.from_dict(scene)
+
+
+def goal_is_ahead(world: World) -> bool:
+    """Return whether the goal is in the camera's view at the start, unless a pillar hides it."""
+    assert world.start is not None and world.goal is not None
+    return bool(abs(world.goal[1] - world.start[1]) <= CAMERA_SIDEWAYS_M)
+
+
+def _ahead(seeds: range, count: int) -> list[World]:
+    return list(itertools.islice(filter(goal_is_ahead, map(level_playground, seeds)), count))
+
+
+def _camera() -> Keywords:
+    return {
+        # A third in the bundled ones.
+        "worlds": [*scenes.load("camera-train") * 50, *_ahead(TRAINING_SEEDS, 200)],
+        "random_world": True,
+        "random_start": True,
+        "max_episode_steps": 400,
+        "reward_scale": 0.1,
+        "reward": NavigationReward(goal_reward=100.0, overshoot_weight=1.0, step_scale=100.0),
+    }
+
+
+def _camera_judged(flights: int, seed: int) -> dict[str, Keywords]:
+    unseen = range(seed, seed + 10 * flights)
+    kinds = {
+        "ahead": _ahead(unseen, flights),
+        "any": [level_playground(each) for each in unseen[:flights]],
+        "training": scenes.load("camera-train"),
+        "validation": scenes.load("camera-validation"),
+    }
+    return {
+        kind: {"worlds": chosen, "flights": len(chosen), "max_episode_steps": 500} for kind, chosen in kinds.items()
     }
 
 
@@ -180,6 +230,28 @@ TRAININGS: dict[str, Training] = {
         },
         baselines={"straight": [flyers.straight_by_steps]},
         film={"steps": 400, "fps": 25},
+    ),
+    "camera": Training(
+        env="flockstep/CameraNavigation-v0",
+        steps=2_000_000,
+        num_envs=512,
+        settings={
+            "n_steps": 64,
+            "batch_size": 1024,
+            "n_epochs": 3,
+            "learning_rate": 1.5e-3,
+            "gamma": 0.98,
+            "policy_kwargs": {"activation_fn": "relu", "features_extractor_class": "BlobFeatures"},
+        },
+        entropy=0.03,
+        learns=_camera,
+        judged=_camera_judged,
+        over=("ahead",),
+        figures={f"success_{kind}": (kind, "success") for kind in ("any", "training", "validation")},
+        baselines={"straight": [flyers.straight_to_blob]},
+        film={"steps": 400, "fps": 25},
+        flights=500,
+        bench=("blob", "trained", 5),
     ),
     "race": Training(
         env="flockstep/Race-v0",

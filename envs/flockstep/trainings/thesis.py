@@ -13,7 +13,7 @@ from flockstep._core import CameraConfig, NavigationConfig, NavigationReward
 from flockstep.trainings.presets import Preset
 from flockstep.trainings.training import Keywords, Training
 
-#: What the two tables of PPO have in common; the rest are the defaults of Stable-Baselines3 and of `PPO`.
+#: Common to the two tables of PPO; the rest are the defaults of Stable-Baselines3 and of `PPO`.
 _SETTINGS: Keywords = {"n_steps": 2048, "gamma": 0.99, "clip_range": 0.2}
 
 

@@ -83,7 +83,7 @@ Vector3 read<Vector3>(Call& call) {
 
 template <>
 bool read<bool>(Call& call) {
-  return ReplyOf<protocol::MoveLineVisible>(call).message().visible;
+  return ReplyOf<protocol::Visible>(call).message().visible;
 }
 
 template <>

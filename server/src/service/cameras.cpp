@@ -86,7 +86,8 @@ std::optional<Picture> Service::take_frame(Call& call) {
     batch_.camera(camera).capture(only(drone));
   }
   std::optional<Picture> picture = copy_frame(call, LiveArrays(batch_), batch_.camera(camera).config().name, drone);
-  const bool has_lines = std::ranges::count(batch_.move_lines().state().move_line_visible, 1) > 0;
+  const MoveLineState& shown = batch_.move_lines().state();
+  const bool has_lines = std::ranges::count(shown.move_line_visible, 1) + std::ranges::count(shown.beams_visible, 1) > 0;
   if (picture && get.output.empty() && has_lines) picture->rgb = batch_.camera(camera).picture(DroneIndex(get.drone));
   return picture;
 }
@@ -125,7 +126,7 @@ bool Service::take_published_frame(Call& call, std::optional<Picture>& picture) 
   const auto known = get.camera.empty() && now->camera_configs.size() == 1
                          ? now->camera_configs.begin()
                          : std::ranges::find(now->camera_configs, get.camera, &CameraConfig::name);
-  // Only a frame that the camera takes by itself. A copy has no move lines.
+  // Only a frame that the camera takes by itself. A copy has no lines.
   if (known == now->camera_configs.end() || known->capture_mode == CaptureMode::on_demand || has_lines_ || get.quality > 100)
     return false;
   const auto copy = publisher_.read(batch_, known->name);

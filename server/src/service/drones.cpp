@@ -283,7 +283,7 @@ void Service::locked(Call& call, const protocol::SetCameraConfig& set) {
 }
 
 void Service::locked(Call& call, const protocol::GetMoveLineVisible& get) {
-  call.result<protocol::MoveLineVisible>().visible = batch_.move_lines().state().move_line_visible[require_drone(get.drone)] != 0;
+  call.result<protocol::Visible>().visible = batch_.move_lines().state().move_line_visible[require_drone(get.drone)] != 0;
 }
 
 void Service::locked(Call& call, const protocol::SetMoveLineVisible& set) {
@@ -291,6 +291,17 @@ void Service::locked(Call& call, const protocol::SetMoveLineVisible& set) {
   require_may_change(call, set.drone);
   has_lines_ = has_lines_ || set.visible;
   batch_.move_lines().set_visible(set.visible, only(drone));
+}
+
+void Service::locked(Call& call, const protocol::GetBeamsVisible& get) {
+  call.result<protocol::Visible>().visible = batch_.move_lines().state().beams_visible[require_drone(get.drone)] != 0;
+}
+
+void Service::locked(Call& call, const protocol::SetBeamsVisible& set) {
+  const std::size_t drone = require_drone(set.drone);
+  require_may_change(call, set.drone);
+  has_lines_ = has_lines_ || set.visible;
+  batch_.move_lines().set_beams_visible(set.visible, only(drone));
 }
 
 }  // namespace flockstep::server

@@ -195,7 +195,7 @@ class Service {
   std::atomic<bool> is_tick_waiting_{false};
   std::atomic<bool> is_small_{true};          // copying all arrays without images, or one scan, takes less than a millisecond
   std::atomic<bool> steps_are_short_{false};  // the last StepEnvs took less than a millisecond
-  std::atomic<bool> has_lines_{false};        // a client has made a move line visible
+  std::atomic<bool> has_lines_{false};        // a client has made a move line or beams visible
   std::atomic<std::int64_t> changes_{0}, answered_{0}, steps_{0};
   std::atomic<std::size_t> largest_snapshot_{0};  // bytes of those that clients have got
 };

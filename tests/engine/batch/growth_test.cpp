@@ -286,10 +286,11 @@ TEST(GrowthOfBatches, KeepsTheOldArraysForThoseWhoHoldTheirMemory) {
   EXPECT_TRUE(watched.expired());
 }
 
-TEST(GrowthOfBatches, KeepsMoveLines) {
+TEST(GrowthOfBatches, KeepsMoveLinesAndBeams) {
   Batch batch({.num_envs = 2, .drones_per_env = 2}, {closet()});
   const std::vector<std::uint8_t> mask{0, 0, 0, 1};
   batch.move_lines().set_visible(true, mask);
+  batch.move_lines().set_beams_visible(true, mask);
   std::vector<float> position = batch.state().position;
   position[3 * 3] += 0.25F;
   batch.move(position, {}, mask);
@@ -300,6 +301,7 @@ TEST(GrowthOfBatches, KeepsMoveLines) {
   batch.spawn({}, {}, {}, {}, envs);  // drone 1 of env 1 is now drone 5
   EXPECT_EQ(batch.move_lines().path(DroneIndex(5)), line);
   EXPECT_EQ(batch.move_lines().state().move_line_visible, (FlagArray{0, 0, 0, 0, 0, 1, 0, 0}));
+  EXPECT_EQ(batch.move_lines().state().beams_visible, (FlagArray{0, 0, 0, 0, 0, 1, 0, 0}));
   position = batch.state().position;
   position[3 * 5] += 0.25F;
   batch.move(position, {}, std::vector<std::uint8_t>{0, 0, 0, 0, 0, 1, 0, 0});

@@ -1,4 +1,4 @@
-"""Move lines: the recorded paths of drones, and their pictures against a projection by hand."""
+"""Move lines and visible beams: recorded paths, and pictures of the lines against a projection by hand."""
 
 import time
 from itertools import pairwise
@@ -13,7 +13,7 @@ from simple_tasks import Still
 import flockstep
 
 OPEN = world_of(room={"min": [-200] * 3, "max": [200] * 3})
-GREEN = np.array([0, 230, 60])
+GREEN, ORANGE = np.array([0, 230, 60]), np.array([250, 130, 70])
 
 
 def batch_of(worlds=(OPEN,), num_drones=2, drones_per_env=2, **camera):
@@ -223,10 +223,10 @@ def covered(path, camera, position, quat_wxyz, size=None):
     return np.clip(half + 0.5 - best, 0, 1), depth
 
 
-def expect_drawn(picture, frame, share, visible=True):
-    """The picture is the frame with green blended in by these shares; visible: (H, W), False where nothing is drawn."""
+def expect_drawn(picture, frame, share, visible=True, color=GREEN):
+    """The picture is the frame with a colour blended in by these shares; visible: (H, W), False where nothing is."""
     share = np.where(visible, share, 0)[..., None]
-    expected = frame + share * (GREEN - frame.astype(float))
+    expected = frame + share * (color - frame.astype(float))
     assert np.abs(picture - expected).max() <= 0.6
 
 
@@ -418,3 +418,82 @@ class TestRender:
             assert (more_green[:, 1] > more_green[:, [0, 2]].max(axis=1)).mean() > 0.95
         if view in ("top", "third_person", "camera"):
             np.testing.assert_array_equal(shown[1], usual[1])
+
+
+WALL = {"box": {"center": [8, 0, 0], "size": [0.2, 3, 8]}, "range_m": 3.0}
+
+
+def with_beams(**keywords):
+    """Two drones in an env: the first looks at the second, some of whose beams hit a wall. Both have been sensed."""
+    world = world_of(room={"min": [-20] * 3, "max": [20] * 3}, boxes=[WALL["box"]])
+    lidar = flockstep.LidarConfig(beams=5, hfov_deg=120, channels=3, vfov_deg=50, max_range_m=WALL["range_m"])
+    camera = flockstep.CameraConfig(width_px=320, height_px=240, outputs=["rgb", "depth"])
+    batch = flockstep.Batch([world], 2, drones_per_env=2, cameras=[camera], lidar=lidar, **keywords)
+    batch.set_pose([[0, 0, 0.3], [6, 0.2, -0.1]])
+    batch.sense()
+    return batch
+
+
+def beams(batch, drone):
+    """The lines of a drone's beams, (3 K, 3) m, with a row of NaN behind each."""
+    ways, ranges = batch.lidar().directions[drone].reshape(-1, 3), batch.lidar().ranges[drone].reshape(-1, 1)
+    origin = np.broadcast_to(batch.position[drone], ways.shape)
+    ends = origin + ways * np.minimum(ranges, WALL["range_m"])
+    return np.stack([origin, ends, np.full(ways.shape, np.nan)], axis=1).reshape(-1, 3)
+
+
+class TestBeams:
+    def test_pictures_show_beams_where_they_are_and_nowhere_else(self):
+        batch = with_beams()
+        ranges = batch.lidar().ranges[1]
+        assert 3 <= np.isfinite(ranges).sum() <= ranges.size - 3
+        frame = batch.picture(0)
+        batch.set_beams_visible(True, [False, True])
+        assert batch.beams_visible.tolist() == [False, True]
+        share, depth = covered(beams(batch, 1), batch.camera().config, [0, 0, 0.3], [1, 0, 0, 0])
+        seen = batch.camera().depth[0]
+        hidden = (share > 0) & (depth > seen + 1e-3)  # behind the wall
+        assert (share[~hidden] > 0.5).sum() > 500
+        expect_drawn(batch.picture(0), frame, share, ~hidden, ORANGE)
+        batch.set_beams_visible(False)
+        np.testing.assert_array_equal(batch.picture(0), frame)
+
+    def test_a_picture_scans_from_where_the_drone_is_now(self):
+        batch = with_beams()
+        batch.set_beams_visible(True, [False, True])
+        batch.set_pose([[0, 0, 0.3], [5, -1.0, 0.4]])
+        batch.capture()
+        unsensed = batch.picture(0)
+        batch.sense()
+        np.testing.assert_array_equal(unsensed, batch.picture(0))
+        batch.remove([1])
+        assert not batch.beams_visible.any()
+
+    @pytest.mark.parametrize("view", ["top", "third_person", "fleet"])
+    def test_views_show_them_at_run_time(self, view):
+        def rendered(beams, visible=False):
+            envs = flockstep.DroneVectorEnv(
+                2, worlds="train", render_mode="rgb_array", render_view=view, render_beams=beams, max_episode_steps=9
+            )
+            envs.reset(seed=1)
+            envs.batch.set_beams_visible(visible, [False, True])
+            return envs.render()
+
+        hidden, shown, at_run_time = rendered(False), rendered(True), rendered(False, True)
+        np.testing.assert_array_equal(at_run_time[0], hidden[0])
+        np.testing.assert_array_equal(at_run_time[1], shown[1])
+        assert (hidden[1] != shown[1]).any()
+
+    @pytest.mark.parametrize(
+        ("call", "error", "said"),
+        [
+            (lambda b: b.set_beams_visible(1), TypeError, ["visible", 1]),
+            (lambda b: b.set_beams_visible(True, [True]), ValueError, ["mask", (2,)]),
+            (lambda b: flockstep.DroneVectorEnv(render_beams=1), ValueError, ["render_beams", 1]),
+        ],
+    )
+    def test_refusals(self, call, error, said):
+        batch = with_beams()
+        with refused(error, *said):
+            call(batch)
+        assert not batch.beams_visible.any()

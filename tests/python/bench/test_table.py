@@ -139,10 +139,19 @@ def test_a_figure_stands_in_a_sentence():
     assert median.endswith("-->50 %<!-- /figure --> of them")
 
 
+def test_a_chart_is_shown_once_it_is_drawn():
+    def written(name):
+        return table.document(f"<!-- chart {name} as Drones -->\nold\n<!-- end of chart -->", {}, {}).splitlines()[1]
+
+    assert written("speed-drones") == "![Drones](../images/speed-drones.svg)"
+    assert written("speed-nothing") == "Not measured yet."
+
+
 def test_all_marks_of_the_documents_are_complete():
     for path in (table.ROOT / "README.md", *(table.ROOT / "docs").rglob("*.md")):
         text = path.read_text(encoding="utf-8")
         assert text.count("<!-- table") == text.count("<!-- end of table -->") == len(table.TABLE.findall(text)), path
+        assert text.count("<!-- chart") == text.count("<!-- end of chart") == len(table.CHART.findall(text)), path
         assert text.count("<!-- tried ") == len(table.TRIED.findall(text)), path
         assert text.count("<!-- figure ") == len(table.FIGURE.findall(text)), path
         assert "\n<!-- figure " not in text, f"{path}: a line that begins with a comment ends the paragraph"
@@ -162,6 +171,18 @@ def test_kept_results_have_a_line_for_each_figure_and_a_file_for_readers(tmp_pat
         assert [(row["name"], row["value"]) for row in rows] == [(f["name"], str(f["value"])) for f in kept["figures"]]
         assert all({row[key] for row in rows} == {kept[key]} for key in ("commit", "source") if key in kept)
         assert {row["cpu"] for row in rows} == {kept["machine"]["cpu"]}
+
+
+def test_figures_of_others_stand_only_beside_ours():
+    machine = {"cpu": "Old One", "logical_processors": 20}
+    figures = [{"name": "book/move/8", "value": 2.5, "unit": "ms"}]
+    results = {"book": {"machine": machine, "source": "table 1 of a book", "figures": figures}}
+    spec = "# drones\nours/move/{n} -> {n} | time\nbook/move/{n} -> {n} | book\n"
+    assert table.tables(spec, False, results) == "Not measured yet.\n"
+    results["ours"] = result([("ours/move/8", 0.5, "ms", {})])
+    written = table.tables(spec, False, results)
+    assert written.startswith(f"{SOURCE}\n\nOld One, 20 logical processors: table 1 of a book\n\n")
+    assert written.endswith("| drones | time | book |\n|---|---:|---:|\n| 8 | 0.5 ms | 2.5 ms |\n")
 
 
 def test_charts_are_drawn_if_their_points_change(tmp_path):

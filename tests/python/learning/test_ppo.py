@@ -125,6 +125,7 @@ ELSEWHERE = "Stable-Baselines3"
         ({"_init_setup_model": False}, ("_init_setup_model",)),
         ({"device": "cuda"}, ("device", "cpu", "cuda")),
         ({"policy": "CnnPolicy"}, ("policy", "CnnPolicy", ELSEWHERE)),
+        ({"policy": "MultiInputPolicy"}, ("policy", "MlpPolicy", "Box", "MultiInputPolicy")),
         ({"policy": "MlpLstmPolicy"}, ("policy", "MlpLstmPolicy", ELSEWHERE)),
         ({"policy": torch.nn.Module}, ("policy", ELSEWHERE)),
         ({"policy_kwargs": {"ortho_init": False}}, ("policy_kwargs", "ortho_init=True", ELSEWHERE)),

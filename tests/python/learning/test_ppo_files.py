@@ -95,7 +95,8 @@ def test_a_function_is_given_again_to_learn(tmp_path):
 )
 @pytest.mark.parametrize("action", [spaces.Discrete(3, start=-1), spaces.Box(-2, 0.1, (2, 2), np.float64)], ids=str)
 def test_spaces_survive_a_file(space, action, tmp_path):
-    model = PPO("MultiInputPolicy", Still(space, action), **SMALL)
+    kind = "MultiInputPolicy" if isinstance(space, spaces.Dict) else "MlpPolicy"
+    model = PPO(kind, Still(space, action), **SMALL)
     model.save(tmp_path / "model")
     loaded = PPO.load(tmp_path / "model", Still(space, action))
     assert (loaded.observation_space, loaded.action_space) == (space, action)

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from conftest import world_of
+from messages import refused
+from scipy.spatial import ConvexHull
 
 import flockstep
 from flockstep.pictures.body import Body
@@ -19,20 +21,26 @@ def pictured(drone, mesh=None, **how):
     return canvas, canvas.depth != stage.seen_from(*view).depth
 
 
-def corners_of(drone):
-    """The corners of a drone's shape. They are all used, and by triangles that face away from the middle of a part."""
-    mesh = Body(drone).at(np.zeros(3), np.array([1.0, 0, 0, 0])).mesh.mesh()
-    return mesh["vertices"].astype(float)
-
-
 @pytest.mark.parametrize("name", flockstep.DroneModel.names())
-def test_a_drone_is_drawn_as_large_as_it_is(name):
+def test_the_hull_encloses_the_mesh_of_a_quadrotor(name):
+    """The mesh fills the hull's height, and each propeller has the radius of the file and lies around its place."""
     drone = flockstep.DroneModel.load(name)
-    rotors = drone.to_dict()["rotors"]
-    assert rotors["radius_m"] > 0
-    corners = corners_of(drone)
-    tips = np.abs(rotors["position_m"])[:, :2].max(axis=0) + rotors["radius_m"]
-    np.testing.assert_allclose(np.abs(corners[:, :2]).max(axis=0), tips, rtol=1e-6)
+    rotors, hull = drone.to_dict()["rotors"], np.asarray(drone.hull, float)
+    mesh = flockstep.DroneMesh.quadrotor(drone)
+    corners = mesh.vertices.astype(float)
+    planes = ConvexHull(hull).equations
+    assert (corners @ planes[:, :3].T + planes[:, 3]).max() < 0
+    assert np.ptp(corners[:, 2]) > 0.95 * np.ptp(hull[:, 2])
+    blades = corners[np.unique(mesh.triangles[is_orange(mesh.colors)])]
+    for hub in rotors["position_m"][:4:2]:
+        near = blades[blades[:, 1] * hub[1] > 0] - hub
+        reach = np.linalg.norm(near[:, :2], axis=1).max()
+        assert reach == pytest.approx(rotors["radius_m"], rel=0.01)
+        np.testing.assert_allclose(near.mean(axis=0), 0, atol=1e-3 * rotors["radius_m"])
+
+
+def is_orange(colors):
+    return colors[:, 0] > 2 * colors[:, 2]
 
 
 @pytest.mark.parametrize("radius_m", [0, 0.1])
@@ -42,25 +50,32 @@ def test_rotors_may_be_anywhere(rear, radius_m):
     rotors = {"position_m": [[0.2, -0.2, 0], [0.2, 0.2, 0], *rear], "spin": ["ccw", "cw"] * 2, "radius_m": radius_m}
     x500 = flockstep.DroneModel.load("x500").to_dict()
     drone = flockstep.DroneModel.from_dict({**x500, "rotors": {**x500["rotors"], **rotors}})
-    corners = corners_of(drone)
-    reach = 0.2 + (radius_m or 0.6 * np.hypot(0.2, 0.2))
-    np.testing.assert_allclose([corners[:, 0].max(), np.abs(corners[:, 1]).max()], reach, rtol=1e-6)
-    # The middle reaches from the lowest to the highest hub.
-    canvas, _ = pictured(drone)
-    assert canvas.depth[120, 160] <= 2 - max(z for _, _, z in rotors["position_m"])
-    assert corners[:, 2].min() <= min(z for _, _, z in rotors["position_m"])
+    corners = flockstep.DroneMesh.quadrotor(drone).vertices
+    radius = radius_m or 0.6 * np.hypot(0.2, 0.2)
+    for hub in rotors["position_m"]:
+        at_tips = np.abs(np.linalg.norm(corners[:, :2] - hub[:2], axis=1) - radius) < 0.01 * radius
+        assert (np.abs(corners[at_tips, 2] - hub[2]) < 0.05 * radius).sum() >= 4
 
 
 @pytest.mark.parametrize("pale", [False, True])
-def test_rotors_are_discs_at_their_places_the_front_ones_orange(pale):
+def test_the_front_propellers_are_orange(pale):
     drone = flockstep.DroneModel.load("x500")
     canvas, seen = pictured(drone, pale=pale)
-    for hub in drone.to_dict()["rotors"]["position_m"]:
-        ((x, y, _),) = canvas.project(np.array([hub]) * [1.5, 1.5, 1]).astype(int)  # beside the hub
-        red, _, blue = canvas.rgb[y, x].astype(int)
-        assert seen[y, x]
-        assert (red > blue) == (hub[0] > 0)
+    mesh = flockstep.DroneMesh.quadrotor(drone)
+    tops = mesh.vertices[mesh.triangles].mean(axis=1)
+    for x, y, z in drone.to_dict()["rotors"]["position_m"]:
+        beside = np.linalg.norm(tops - [x, y, z], axis=1)
+        place = tops[(beside > 0.05) & (beside < 0.1) & (tops[:, 2] > z)][:1]
+        ((column, row, _),) = canvas.project(place).astype(int)
+        red, _, blue = canvas.rgb[row, column].astype(int)
+        assert seen[row, column]
+        assert (red > blue) == (x > 0)
     assert not seen[0].any()
+
+
+def test_a_model_without_rotors_is_refused():
+    with refused(ValueError, "drone"):
+        flockstep.DroneMesh.quadrotor(flockstep.DroneModel(BOX))
 
 
 def test_without_rotors_a_drone_is_its_hull():

@@ -71,16 +71,8 @@ def test_the_drone_is_where_it_projects_to(room, drone):
         assert np.hypot(columns.mean() - x, rows.mean() - y) < 0.2 * np.ptp(columns)
 
 
-def tips(drone):
-    """Points around the rotors at their drawn height: a third of their radius above the hubs."""
-    rotors = drone.to_dict()["rotors"]
-    angle = np.linspace(0, 2 * np.pi, 72)
-    circle = rotors["radius_m"] * np.stack([np.cos(angle), np.sin(angle), np.full(72, 1 / 3)], axis=1)
-    return (np.array(rotors["position_m"])[:, None] + circle).reshape(-1, 3)
-
-
 @DRONES
-def test_it_is_as_large_as_its_rotors_or_its_hull(room, drone):
+def test_it_is_as_large_as_its_mesh_or_its_hull(room, drone):
     """The drone fills the rectangle around its projected corners, and no pixel of it is outside."""
     batch = flockstep.Batch([dim(room)], drone=drone)
     quat_wxyz = np.float32([0.9, 0.1, -0.2, 0.37])
@@ -90,7 +82,7 @@ def test_it_is_as_large_as_its_rotors_or_its_hull(room, drone):
     with_drone = view.frame(0)
     batch.remove([0])
     rows, columns = np.nonzero(changed(with_drone, view.frame(0)))
-    outermost = np.asarray(drone.hull, float) if drone is HULL else tips(drone)
+    outermost = np.asarray(drone.hull if drone is HULL else flockstep.DroneMesh.quadrotor(drone).vertices, float)
     corners = viewed(room, (5, 6, 2), quat_wxyz).project(np.array([5, 6, 2]) + rotate(quat_wxyz, outermost))[:, :2]
     low, high = corners.min(axis=0), corners.max(axis=0)
     np.testing.assert_allclose([columns.min(), rows.min()], low, atol=2)
@@ -238,7 +230,7 @@ def test_beams_and_hits(room):
 
 def test_a_beam_that_misses_ends_without_a_dot(room):
     lidar = flockstep.LidarConfig(beams=9, hfov_deg=90, max_range_m=0.8)
-    batch = placed([room], [[2, 6, 2]], lidar=lidar)
+    batch = placed([room], [[2, 6, 2]], lidar=lidar, drone=HULL)  # orange propellers look like dots
     batch.sense()
     assert np.isinf(batch.lidar().ranges).all()
     plain, drawn = ThirdPersonView(batch, beams=False).frame(0), ThirdPersonView(batch).frame(0)

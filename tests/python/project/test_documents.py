@@ -50,6 +50,7 @@ SOURCES = (
     "scenes",
     "server",
     "tests",
+    "thesis",
     "tools",
     "training",
 )

@@ -260,6 +260,16 @@ def test_move_lines(client, batch):
     assert batch.move_line_visible.tolist() == [False, False, True, False]
 
 
+def test_beams(client, batch):
+    drone, frames = client.drone(2), []
+    for visible in (False, True):
+        drone.set_beams_visible(visible)
+        assert [drone.get_beams_visible(), *batch.beams_visible] == [visible, False, False, visible, False]
+        frames.append(np.asarray(Image.open(io.BytesIO(bytes(drone.get_camera_data(format="png")))).convert("RGB")))
+        np.testing.assert_array_equal(frames[-1], batch.picture(2))
+    assert (frames[0] != frames[1]).any()
+
+
 def test_spawning_and_removing(client, batch):
     client.drone(1).remove()
     client.remove_drone(3)
