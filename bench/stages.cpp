@@ -1,5 +1,5 @@
 // Profiles a step of three tasks, stage by stage, on one thread. A batch flies a random policy, and every few steps each stage is
-// timed separately on the current state. The stages run in turns. Prints a JSON list of figures.
+// timed separately on the current state. The stages run in turns. Prints a JSON list of figures. Arguments: numbers of drones.
 #include <algorithm>
 #include <array>
 #include <cstdint>
@@ -58,8 +58,8 @@ Case lidar_case(int num_envs) {
   config.lidars = {LidarConfig()};
   std::vector<std::string> names;
   for (int i = 1; i <= 5; ++i) names.push_back("playground/train-" + std::to_string(i));
-  return {"lidar", config,        [] { return make_task(NavigationConfig{}); }, DroneModel::quadrotor650(), worlds_of(names),
-          6,       {1000, 25, 20}};
+  return {"lidar", config,       [] { return make_task(NavigationConfig{}); }, DroneModel::quadrotor650(), worlds_of(names),
+          6,       {500, 15, 20}};
 }
 
 Case camera_case(int num_envs) {
@@ -81,7 +81,7 @@ Case camera_case(int num_envs) {
           DroneModel::quadrotor650(),
           worlds_of({"playground/camera-train-1", "playground/camera-train-2"}),
           3,
-          {60, 9, 4}};
+          {30, 5, 2}};
 }
 
 Case hover_case(int num_envs) {
@@ -91,8 +91,8 @@ Case hover_case(int num_envs) {
   config.clock.policy_hz = 50.0;
   config.episode.max_episode_steps = 300;
   return {
-      "hover", config,        [] { return make_task(HoverConfig{}); }, DroneModel::load("crazyflie"), worlds_of({"arena/hall"}),
-      0,       {1000, 25, 20}};
+      "hover", config,       [] { return make_task(HoverConfig{}); }, DroneModel::load("crazyflie"), worlds_of({"arena/hall"}),
+      0,       {300, 15, 10}};
 }
 
 class RandomPolicy {
@@ -220,9 +220,12 @@ void profile(bench::Figures& figures, const Case& of) {
 
 }  // namespace
 
-int main() {
+int main(int argc, char** argv) {
   bench::Figures figures;
-  for (const int num_envs : {1, 1024, 16384}) {
+  std::vector<int> sizes{1, 1024, 16384};
+  if (argc > 1) sizes.clear();
+  for (int i = 1; i < argc; ++i) sizes.push_back(std::stoi(argv[i]));
+  for (const int num_envs : sizes) {
     for (const auto& make : {lidar_case, camera_case, hover_case}) profile(figures, make(num_envs));
   }
   figures.print();
