@@ -112,19 +112,19 @@ class Environment:
         self.action = space_text(made.single_action_space)
         self.config: Any = recipe.task
         self.is_default = recipe.task == self.task()
-        keywords: dict[str, Any] = {
-            "worlds": recipe.worlds[0] if len(recipe.worlds) == 1 else recipe.worlds,
-            "drone": made.batch.drone.name,
-            "motion": str(recipe.dynamics.motion),
-            "control": str(recipe.dynamics.control),
-            "drones_per_env": made.batch.drones_per_env,
-            "policy_hz": f"{recipe.clock.policy_hz:g}",
-            "max_episode_steps": gymnasium.spec(env_id).max_episode_steps,
-        }
+        keywords = dict(  # noqa: C408 # as users write them
+            worlds=recipe.worlds[0] if len(recipe.worlds) == 1 else recipe.worlds,
+            drone=made.batch.drone.name,
+            motion=str(recipe.dynamics.motion),
+            control=str(recipe.dynamics.control),
+            drones_per_env=made.batch.drones_per_env,
+            policy_hz=float(recipe.clock.policy_hz),
+            max_episode_steps=gymnasium.spec(env_id).max_episode_steps,
+        )
         self.defaults = [] if self.is_default else [f"`task={configured(recipe.task)}`"]
         for name, value in keywords.items():
-            if (name, value) != ("drones_per_env", 1):
-                self.defaults.append(f"`{name}={value if name == 'policy_hz' else repr(value)}`")
+            if value != 1:  # one drone in each env
+                self.defaults.append(f"`{name}={format(value, 'g') if isinstance(value, float) else repr(value)}`")
         self.defaults += [f"`lidar` with {lidar_text(config)}" for config in made.lidars]
         for c in made.cameras:
             self.defaults.append(f"`camera` with {c.width_px} x {c.height_px} pixels, {c.hfov_deg or 90:g}°")
