@@ -152,6 +152,8 @@ def commit_of(result: Result, figure: dict[str, Any]) -> str:
 
 def shown(values: list[float], unit: str, form: str) -> str:
     """Return the text of a number, or of several numbers: their median and, in brackets, least and greatest."""
+    if form.startswith("median"):
+        values, form = [statistics.median(values)], form.removeprefix("median").lstrip()
     kind, _, own_unit = form.partition(" ")
     unit = "%" if kind.endswith("%") else own_unit or {"1": "", "1/s": "", "us": "µs"}.get(unit, unit)
 
@@ -255,9 +257,7 @@ def document(text: str, results: Results, trials: Results) -> str:
         figures = [each for _, each, _ in found(match[2], results)]
         if not figures:
             return f"{match[1]}not measured yet{match[4]}"
-        values, (first, _, rest) = [each["value"] for each in figures], match[3].partition(" ")
-        if first == "median":
-            return f"{match[1]}{shown([statistics.median(values)], figures[0]['unit'], rest)}{match[4]}"
+        values = [each["value"] for each in figures]
         return f"{match[1]}{shown(values, figures[0]['unit'], match[3])}{match[4]}"
 
     def chart(match: re.Match[str]) -> str:

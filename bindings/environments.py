@@ -79,14 +79,13 @@ def is_explained(field: Any, words: str) -> bool:
 
 
 def defaults_text(fields: list[Any]) -> str:
-    """Return the defaults of fields as text: "`laps` 3, `start` between"."""
-    return ", ".join(f"`{field['name']}` {field['shown'].removesuffix('.0')}" for field in fields)
+    """Return the defaults of fields as keywords: "`laps=3`, `start='between'`"."""
+    return ", ".join(f"`{field['name']}={field['shown'].removesuffix('.0')}`" for field in fields)
 
 
 def field_table(fields: list[Any]) -> list[str]:
     """Return a table of fields with their descriptions."""
-    rows = [(f"`{f['name']}`", f"`{f['shown']}`", markdown(f["about"]).replace("|", "\\|")) for f in fields]
-    return ["| field | default | description |", "|---|---|---|", *("| " + " | ".join(row) + " |" for row in rows)]
+    return table(("field", "description"), [(f"`{f['name']}={f['shown']}`", f["about"]) for f in fields])
 
 
 def configured(config: Any) -> str:
@@ -113,23 +112,27 @@ class Environment:
         self.action = space_text(made.single_action_space)
         self.config: Any = recipe.task
         self.is_default = recipe.task == self.task()
-        self.defaults = {
-            "`task`": "" if self.is_default else f"`{configured(recipe.task)}`",
-            "`worlds`": ", ".join(f"`{name}`" for name in recipe.worlds),
-            "`drone`": f"`{made.batch.drone.name}`",
-            "`motion`, `control`": f"`{recipe.dynamics.motion}`, `{recipe.dynamics.control}`",
-            "drones of an env": str(made.batch.drones_per_env) if made.batch.drones_per_env > 1 else "",
-            "`policy_hz`": f"{recipe.clock.policy_hz:g}",
-            "`max_episode_steps`": f"{gymnasium.spec(env_id).max_episode_steps}",
-            "`lidar`": ", ".join(lidar_text(config) for config in made.lidars),
-            "`camera`": ", ".join(f"{c.width_px} x {c.height_px} pixels, {c.hfov_deg or 90:g}°" for c in made.cameras),
-        }
+        keywords = dict(  # noqa: C408 # as users write them
+            worlds=recipe.worlds[0] if len(recipe.worlds) == 1 else recipe.worlds,
+            drone=made.batch.drone.name,
+            motion=str(recipe.dynamics.motion),
+            control=str(recipe.dynamics.control),
+            drones_per_env=made.batch.drones_per_env,
+            policy_hz=float(recipe.clock.policy_hz),
+            max_episode_steps=gymnasium.spec(env_id).max_episode_steps,
+        )
+        self.defaults = [] if self.is_default else [f"`task={configured(recipe.task)}`"]
+        for name, value in keywords.items():
+            if value != 1:  # one drone in each env
+                self.defaults.append(f"`{name}={format(value, 'g') if isinstance(value, float) else repr(value)}`")
+        self.defaults += [f"`lidar` with {lidar_text(config)}" for config in made.lidars]
+        for c in made.cameras:
+            self.defaults.append(f"`camera` with {c.width_px} x {c.height_px} pixels, {c.hfov_deg or 90:g}°")
         envs.close()
 
     def row(self) -> str:
         """Return the environment's row in the list of all."""
-        cells = (f"[`{self.id}`]({self.page}.md)", self.task._about, self.action)
-        return "| " + " | ".join(cells) + " |"
+        return f"| [`{self.id}`]({self.page}.md) | {self.task._about} |"
 
     def is_observed(self, numbers: str) -> bool:
         """Return whether the environment has a row of the observation: one that names a choice belongs to it alone."""
@@ -143,19 +146,19 @@ class Environment:
         weights = [f for f in fields if f["name"].endswith("_weight") and f["name"] in str(words["reward"])]
         named = [field for field in fields if field not in weights and is_explained(field, str(words))]
         others = [field for field in fields if field not in weights and field not in named]
-        of_named = f" Those named above: {defaults_text(named)}." if named else ""
-        default = [(name, value) for name, value in self.defaults.items() if value]
+        of_named = f": {defaults_text(named)}." if named else ":"
+        action = re.sub(r"\. \w+ numbers, clipped to \[-1, 1\]", ", clipped", f"{self.action}. {words['action']}")
         observation = [(re.sub(r', "\w+"', "", a), b) for a, b in words["observation"] if self.is_observed(a)]
         reward = table(("term", "value"), [(f"``{term}``", value) for term, value in words["reward"]])
         parts: list[tuple[str, str, list[str]]] = [
-            ("Action", f"{self.action}. {words['action']}", []),
+            ("Action", action, []),
             ("Observation", f"{self.observation}. {words['observed']}", table(("numbers", "meaning"), observation)),
-            ("Reward", "The sum of these terms, each a column of `batch.reward_terms`:", reward),
+            ("Reward", "The sum of these terms:", reward),
             ("", f"Weights: {defaults_text(weights)}." if weights else "", []),
             ("Start", words["start"], []),
             ("End", words["end"], []),
-            ("Arguments", "Defaults, which keywords replace:", table(("argument", "default"), default)),
-            ("", f"The fields of `{name}` are keywords, too (`help` lists limits).{of_named}", []),
+            ("Arguments", f"{', '.join(self.defaults)}.", []),
+            ("", f"Fields of `{name}`{of_named}", []),
             ("", "", field_table(others) if others else []),
         ]
         if self.is_default:
@@ -163,10 +166,10 @@ class Environment:
         else:
             parts[2:6] = [
                 ("Reward", f"The terms of {main}, with the weights in `task` below.", []),
-                ("Start", words["start"], []),
+                ("Start", f"As in {main}.", []),
                 ("End", f"As in {main}.", []),
             ]
-            parts[-2:] = [("", f"The fields of `{name}` are keywords, too. {main} lists them.", [])]
+            parts[-2:] = [("", f"{main} lists the fields of `{name}`.", [])]
         text = ""
         for title, line, rows in parts:
             text += f"\n## {title}\n" if title else ""
@@ -183,7 +186,7 @@ def title(page: str) -> str:
 def pages() -> dict[Path, str]:
     """Return the text of each page, with its generated parts renewed."""
     found = [Environment(env_id) for env_id in sorted(gymnasium.registry) if env_id.startswith("flockstep/")]
-    rows = ["| id | task | action |", "|---|---|---|", *(env.row() for env in found)]
+    rows = ["| id | task |", "|---|---|", *(env.row() for env in found)]
     listed = "\n".join(["", *rows, "", ""])
     texts = {INDEX: LIST.sub(lambda m: m[1] + listed + m[2], INDEX.read_text(encoding="utf-8"))}
     main = {env.task: f"[{title(env.page)}]({env.page}.md)" for env in found if env.is_default}

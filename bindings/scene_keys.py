@@ -18,6 +18,8 @@ SCHEMA = ROOT / "scenes" / "schema.json"
 DOCUMENT = ROOT / "docs" / "reference" / "scene-format.md"
 BEGIN, END = "<!-- scene keys -->\n", "<!-- /scene keys -->\n"
 WIDTH = 120
+#: Limits of positions, which the text of the page says.
+COORDINATE = " in [-1e6, 1e6]"
 #: Keys whose own keys another page lists.
 ELSEWHERE = {"light": "[configs.md](configs.md#light)"}
 
@@ -158,6 +160,8 @@ def values_text(key: Key) -> str:
     """Describe the allowed values of a key."""
     kind, size = key["kind"], key["size"]
     limits = f" in [{number_text(key['least'])}, {number_text(key['greatest'])}]" if "least" in key else ""
+    if limits == COORDINATE and key["unit"] == "m":
+        limits = ""
     words = {
         "anything": "anything",
         "version": str(key.get("version")),
@@ -191,6 +195,12 @@ def default_text(key: Key, siblings: Sequence[Key]) -> str:
     return "required" + (f", or {names}" if names else "")
 
 
+def values_and_default(key: Key, default: str) -> str:
+    """Describe the allowed values of a key, and its default."""
+    said = default if default.startswith("required") or not default else f"default {default}"
+    return "; ".join(part for part in (values_text(key), said) if part)
+
+
 def tables_text(keys: Sequence[Key]) -> str:
     """Return the tables of docs/reference/scene-format.md: the keys of a scene and of its objects, each listed once."""
     rows: list[tuple[Key, str, list[str]]] = []
@@ -207,13 +217,16 @@ def tables_text(keys: Sequence[Key]) -> str:
         if key["name"] not in ELSEWHERE:
             add(key["name"], key.get("keys", ()))
 
-    text = "| key | values | default | what |\n|---|---|---|---|\n"
+    text = "| key | values | what |\n|---|---|---|\n"
     for key in keys:
-        text += f"| `{key['name']}` | {values_text(key)} | {default_text(key, keys)} | {key['meaning']} |\n"
+        text += f"| `{key['name']}` | {values_and_default(key, default_text(key, keys))} | {key['meaning']} |\n"
         add_inner(key)
-    text += "\n| key | of | values | default | what |\n|---|---|---|---|---|\n"
+    text += "\n| key | values | what |\n|---|---|---|\n"
     for key, default, owners in rows:
-        text += f"| `{key['name']}` | {', '.join(owners)} | {values_text(key)} | {default} | {key['meaning']} |\n"
+        others = [len(of) for other, _, of in rows if other["name"] == key["name"] and of is not owners]
+        is_rule = len(owners) > 1 + max(others, default=-1)  # of all objects that no other row of the key names
+        name = f"`{key['name']}`" + ("" if is_rule else f" of {', '.join(owners)}")
+        text += f"| {name} | {values_and_default(key, default)} | {key['meaning']} |\n"
     return text
 
 

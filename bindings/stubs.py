@@ -13,8 +13,8 @@ None by default, and "Arguments[A]" by arguments, of which the first is required
 sensors that it defines no property for. The parameters of a class in _core._arguments end with these arguments.
 
 Without --stub, it writes the parts of docs/ between "<!-- arrays of A, B -->" and "<!-- end of arrays -->", "<!--
-fields of A -->" and "<!-- end of fields -->", and the whole of envs/flockstep/env_keywords.py, client/changes.py and
-learning/arguments.py.
+fields of A -->" and "<!-- end of fields -->" (of "fields of A, B" those that both have alike, which the tables of A and
+of B leave out), and the whole of envs/flockstep/env_keywords.py, client/changes.py and learning/arguments.py.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ROOT = Path(__file__).resolve().parents[1]
 TEMPLATE = ROOT / "bindings" / "core.pyi"
 DOCUMENTS = sorted((ROOT / "docs").rglob("*.md"))
 MARKED_TABLE = re.compile(r"^<!-- arrays of ([\w, ]+) -->\n.*?^<!-- end of arrays -->\n", re.MULTILINE | re.DOTALL)
-MARKED_FIELDS = re.compile(r"^<!-- fields of (\w+) -->\n.*?^<!-- end of fields -->\n", re.MULTILINE | re.DOTALL)
+MARKED_FIELDS = re.compile(r"^<!-- fields of ([\w, ]+) -->\n.*?^<!-- end of fields -->\n", re.MULTILINE | re.DOTALL)
 FIELDS = re.compile(r'(?:"""(?:(?!""").)*"""\n\n)?    # fields of (\w+)\n', re.DOTALL)
 ARRAYS = re.compile(r"    # arrays of (\w+)\n")
 STAND_INS = re.compile(r"\*\*fields: (Fields|Changes|Arguments)\[(\w+)\]")
@@ -51,6 +51,8 @@ ARRAY_TYPES = {
     "float64": "_F64",
 }
 Field = dict[str, str]
+#: Values that configs.md says once, for all fields.
+SAID_ONCE = ("letters, digits, _ and -", "a unit quaternion", "within +-1e+06 m", "within +-1e+06")
 OWN_KEYWORDS = ("autoreset_mode", "drone_mesh")  # of DroneVectorEnv, which defines them itself
 
 
@@ -76,13 +78,34 @@ def values_text(field: Field) -> str:
     return values + (", or None" if field["type"].endswith(" | None") else "")
 
 
+def limits_text(field: Field) -> str:
+    """Return the values of a field for its table, unless its default or its description shows them."""
+    values = values_text(field)
+    if field["type"].startswith("Literal"):
+        return "" if all(choice in field["about"] for choice in values.split(", ")) else values
+    if field["values"] in SAID_ONCE:
+        return ""
+    if field["shown"] in ("None", "[]"):
+        return values.removesuffix(", or None").removeprefix("float ").removeprefix("in ")
+    return values if field["values"] else ""
+
+
 def field_table(fields: list[Field]) -> list[str]:
-    """Return a table of the fields of a configuration."""
-    lines = ["| field | values | default | description |", "|---|---|---|---|"]
+    """Return a table of the fields of a configuration, as keywords; those of a file, in objects, have no default."""
+    in_file = any(" " in field["name"] for field in fields)
+    lines = ["| field | description |", "|---|---|"]
     for field in fields:
-        cells = (f"`{field['name']}`", values_text(field), f"`{field['shown']}`", field["about"].replace("``", "`"))
+        keyword = field["name"] + ("" if in_file else f"={field['shown']}")
+        limits = limits_text(field)
+        cells = (f"`{keyword}`" + (f", {limits}" if limits else ""), field["about"].replace("``", "`"))
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return lines
+
+
+def shared_fields(names: list[str]) -> list[Field]:
+    """Return the fields that at least two of several configurations have alike."""
+    found = [{**field, "doc": ""} for name in names for field in fields_of(name)]
+    return [field for i, field in enumerate(found) if field in found[:i] and field not in found[i + 1 :]]
 
 
 def fields_of(name: str) -> list[Field]:
@@ -346,14 +369,14 @@ MADE = {
 
 def array_table(classes: list[type[Any]]) -> list[str]:
     """Return a table of the arrays of some classes."""
-    lines = ["| array | type | unit, frame | changed by | content |", "|---|---|---|---|---|"]
+    lines = ["| array | type, unit, frame | content |", "|---|---|---|"]
     for cls in classes:
         owners = {"Contact": "contact.", "Lidar": "lidar().", "Camera": "camera().", "Bodies": "bodies."}
         owner = owners.get(cls.__name__, "")
         for array in cls._arrays:
-            measured = ", ".join(text for text in (array["unit"], array["frame"]) if text not in ("", "1"))
-            cells = (f"{array['dtype']} {array['shape']}", measured, array["writer"], array["about"])
-            lines.append(f"| `{owner}{array['name']}` | " + " | ".join(cells) + " |")
+            measured = [text for text in (array["unit"], array["frame"]) if text not in ("", "1")]
+            kind = ", ".join([f"{array['dtype']} {array['shape']}".removeprefix("float32 "), *measured])
+            lines.append(f"| `{owner}{array['name']}` | {kind} | {array['about']} |")
     return lines
 
 
@@ -365,8 +388,15 @@ def renewed(path: Path) -> str:
         return "\n".join([f"<!-- arrays of {match.group(1)} -->", *lines, "<!-- end of arrays -->"]) + "\n"
 
     def replace_fields(match: re.Match[str]) -> str:
-        table = field_table(fields_of(match[1]))
-        return "\n".join([f"<!-- fields of {match[1]} -->", *table, "<!-- end of fields -->", ""])
+        names = match[1].split(", ")
+        fields = shared_fields(names) if len(names) > 1 else own_fields(names[0])
+        return "\n".join([f"<!-- fields of {match[1]} -->", *field_table(fields), "<!-- end of fields -->", ""])
+
+    def own_fields(name: str) -> list[Field]:
+        """Return the fields of a configuration that no table of several configurations of the page lists."""
+        several = [found[1].split(", ") for found in MARKED_FIELDS.finditer(text) if "," in found[1]]
+        shared = [field for names in several if name in names for field in shared_fields(names)]
+        return [field for field in fields_of(name) if {**field, "doc": ""} not in shared]
 
     if path in MADE:
         return MADE[path]()

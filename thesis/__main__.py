@@ -64,9 +64,18 @@ def function(path: str) -> Callable[[], Any]:
     return found
 
 
-def reproduce(name: str, fresh: bool) -> None:
-    """Measure the rows of a job that are not kept, and write all of them as one result."""
+def reproduce(name: str, only: str, fresh: bool, kept: bool) -> None:
+    """Measure the rows of a job that are not kept, or one of them, and write all of them as one result."""
     rows: Rows = function(JOBS[name])()
+    if only:
+        if only not in rows:
+            sys.exit(f"NAME/ROW: expected one of {', '.join(rows)} of {name}, got {only!r}")
+        measured(name, only, rows[only], fresh)
+        return
+    if kept:
+        rows = {row: measure for row, measure in rows.items() if (OUT / "thesis" / name / f"{row}.json").exists()}
+    if not rows:
+        sys.exit(f"{name}: no row is kept in {OUT}/thesis")
     results = {row: measured(name, row, measure, fresh) for row, measure in rows.items()}
     last = results[next(reversed(results))]
     if len({json.dumps(each["machine"]) for each in results.values()}) > 1:
@@ -80,23 +89,26 @@ def reproduce(name: str, fresh: bool) -> None:
     path = OUT / "bench" / f"thesis_{name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(table.lines_of({**about, "figures": [f for each in results.values() for f in each["figures"]]}))
-    print(f"{name}: all rows are in {path.relative_to(ROOT)}")
+    print(f"{name}: {len(rows)} rows are in {path.relative_to(ROOT)}")
 
 
 def main() -> None:
     """Reproduce the named jobs, or all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(JOBS | DRAWN)}; default: all")
-    parser.add_argument("--fresh", action="store_true", help="measure rows again that are kept")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--fresh", action="store_true", help="measure rows again that are kept")
+    which.add_argument("--kept", action="store_true", help="measure nothing, and write the results of the kept rows")
     args = parser.parse_args()
-    for name in args.names:
+    names = [name.partition("/")[::2] for name in args.names or JOBS | DRAWN]
+    for name, _ in names:
         if name not in JOBS | DRAWN:
             parser.error(f"NAME: expected one of {', '.join(JOBS | DRAWN)}, got {name!r}")
-    for name in args.names or JOBS | DRAWN:
+    for name, row in names:
         if name in DRAWN:
             function(DRAWN[name])()
         else:
-            reproduce(name, args.fresh)
+            reproduce(name, row, args.fresh, args.kept)
 
 
 if __name__ == "__main__":

@@ -104,14 +104,12 @@ def judged(model: Any, experiment: Preset, training: str, validation: str) -> Fi
             yield {"name": name, "value": round(each.reward, 1), "unit": "", "runs": 1}
 
 
-def sampled(names: Sequence[str], experiment: Preset, training: str, validation: str) -> Figures:
-    """Fly kept policies by sampled actions."""
-    for name in names:
-        model = flockstep.PPO.load(POLICIES / f"{name}.zip")
-        for kind, worlds in (("training", training), ("validation", validation)):
-            flown = flights(model, experiment, worlds, SAMPLED)
-            share = sum(each.outcome == "success" for each in flown) / len(flown)
-            yield f"{name.rpartition('_')[2]}/{kind}", share, "1", len(flown)
+def sampled(name: str, experiment: Preset, training: str, validation: str) -> Figures:
+    """Fly a kept policy by sampled actions."""
+    model = flockstep.PPO.load(POLICIES / f"{name}.zip")
+    for kind, worlds in (("training", training), ("validation", validation)):
+        flown = flights(model, experiment, worlds, SAMPLED)
+        yield kind, sum(each.outcome == "success" for each in flown) / len(flown), "1", len(flown)
 
 
 def draw_paths(experiment: Preset, name: str, worlds: Sequence[str]) -> None:
@@ -126,9 +124,9 @@ def lidar() -> Mapping[str, Callable[[], Figures]]:
     """Return the rows of the LiDAR experiment: five seeds, and one with the goal's direction as the program had it."""
     unit = {f"unit_{seed}": partial(trained, flockstep.thesis.lidar(), f"lidar_unit_{seed}", seed) for seed in SEEDS}
     largest = partial(trained, flockstep.thesis.lidar("maximum"), "lidar_largest_0", 0)
-    again = partial(sampled, [f"lidar_unit_{seed}" for seed in SEEDS], flockstep.thesis.lidar())
+    again = {f"sampled_{seed}": partial(sampled, f"lidar_unit_{seed}", flockstep.thesis.lidar()) for seed in SEEDS}
     others = {name.lower(): partial(trained_by, name, flockstep.thesis.lidar()) for name in ("A2C", "DQN")}
-    rows = {**unit, "sampled": again, "largest_0": largest, **others}
+    rows = {**unit, **again, "largest_0": largest, **others}
     return {row: partial(each, "train", "validation") for row, each in rows.items()}
 
 
@@ -136,10 +134,10 @@ def camera() -> Mapping[str, Callable[[], Figures]]:
     """Return the rows of the camera experiment: five seeds with small images, one with the thesis's."""
     small = {f"64_{seed}": partial(trained, flockstep.thesis.camera(64), f"camera_64_{seed}", seed) for seed in SEEDS}
     large = partial(trained, flockstep.thesis.camera(), "camera_640_0", 0)
-    again = partial(sampled, [f"camera_64_{seed}" for seed in SEEDS], flockstep.thesis.camera(64))
+    again = {f"sampled_{seed}": partial(sampled, f"camera_64_{seed}", flockstep.thesis.camera(64)) for seed in SEEDS}
     row = TRAININGS["camera"]
     images = CameraConfig(width_px=640, height_px=480)
     settings = Preset(replace(row, learns=lambda: {**row.learns(), "camera": images}))
     ours = partial(trained, settings, "camera_ours_640_0", 0, flown=flockstep.thesis.camera())
-    rows = {**small, "sampled": again, "ours_640_0": ours, "640_0": large}
+    rows = {**small, **again, "ours_640_0": ours, "640_0": large}
     return {row: partial(each, "camera-train", "camera-validation") for row, each in rows.items()}

@@ -28,43 +28,39 @@ class EnvKeywords(TypedDict, total=False):
     Parameters
     ----------
     drones_per_env
-        Number of drones in each env, M. They share a world. A batch without a task may begin with no drone in its envs.
+        Number of drones in each env, M, which share a world. A batch without a task may begin with none.
     interaction
-        How the drones of an env interact. ``"none"``: not at all. ``"sense"``: their LiDARs detect the hulls of the
-        others, and their cameras see their meshes. ``"collide"``: they hit each other with their hulls. ``"both"``:
-        both. Unless it is ``"none"``, an env has at most 4096 drones.
+        How the drones of an env interact. ``"none"``: not at all. ``"sense"``: LiDARs detect the others' hulls, cameras
+        see their meshes. ``"collide"``: they hit each other with their hulls. ``"both"``: both. Unless ``"none"``, an
+        env has at most 4096 drones.
     num_threads
-        Number of threads, at most four per processor; a larger number gives these, with a warning. 0: the physical
-        cores that this process may run on. No result depends on it.
+        Number of threads, at most four per processor (else with a warning). 0: the physical cores that this process may
+        use. No result depends on it.
     block_size
-        Number of envs that a thread takes at once. 0: chosen by the engine. No result depends on it.
+        Envs that a thread takes at once. 0: the engine chooses. No result depends on it.
     lidar
         The LiDARs of each drone, with different names.
     camera
-        The cameras of each drone, with different names. The images of one camera have at most 2^32 pixels over all
-        drones.
+        The cameras of each drone, with different names. One camera has at most 2^32 pixels over all drones.
     camera_backend
-        Renderer of cameras. ``"raycast"``: the engine's own tracing, which needs no GPU and is bitwise reproducible.
-        ``"gl"``: OpenGL 4.5 through EGL, headless: the same geometry, without shadows and fog; if it is missing,
-        raycast with a warning. ``"auto"``: raycast.
+        Renderer of cameras. ``"raycast"``: the engine's own tracing, without a GPU, bit-identical for any number of
+        threads. ``"gl"``: OpenGL 4.5 through EGL, without shadows and fog; if it is missing, raycast with a warning.
+        ``"auto"``: raycast.
     tracer
-        Method that traces rays against triangles. ``"auto"``: the fastest for each sensor. LiDAR channels whose beams
-        lie in a plane and close together (fans) are traced in a slice of the world; neighbouring rays of cameras and of
-        LiDARs with many channels go through a tree of triangles together, in tiles; Embree traces the others, and
-        shadow rays. ``"slices"``: every fan, however few beams it has and however far apart they are. ``"tiles"``:
-        tiles in every world, and no slices. ``"embree"``: Embree traces all rays, for comparison.
+        Method that traces rays against triangles. ``"auto"``: the fastest for each sensor. ``"slices"``: a slice of the
+        world for every fan (LiDAR channel in a plane). ``"tiles"``: neighbouring rays together, and no slices.
+        ``"embree"``: Embree for all, for comparison.
     pose_sensor
         The pose sensor of each drone.
     imu
         The IMUs of each drone, with different names; they need simulated rotors.
     bodies
-        Bodies that are in every env when an episode begins, after those of its world.
+        Bodies in every env at an episode's beginning, after those of its world.
     max_bodies
-        Number of slots for bodies in each env, B. Free slots are for ``batch.bodies.spawn()``. 0: as many as an episode
-        may begin with.
+        Slots for bodies in each env, B. Free ones are for ``batch.bodies.spawn()``. 0: as many as an episode may begin
+        with.
     lights
-        Lights, at most 4096, of which each episode of an env draws one instead of its world's. Empty: the lights of the
-        worlds.
+        At most 4096 lights, of which each episode of an env draws one. Empty: the lights of the worlds.
     episode
         Begin and end of episodes.
     clock

@@ -64,40 +64,36 @@ struct BodyMotion {
     using C = BodyMotion;
     return field_list(
         field("kind", &C::kind,
-              {.about = "The script. ``\"velocity\"``: constant ``velocity_mps`` and ``turn_rate_dps``; by default the body "
-                        "stands still. ``\"waypoints\"``: along ``points_m`` at ``speed_mps``. ``\"orbit\"``: around "
-                        "``center_m`` and ``axis``, one turn per ``period_s``. ``\"hinge\"``: around the same line, from the "
-                        "initial pose to ``angle_deg`` and back in ``period_s``. ``\"slider\"``: from the initial position to "
-                        "``travel_m`` away and back in ``period_s``. ``\"random_walk\"``: to a new random point of the box "
-                        "every ``period_s``, in a straight line."}),
-        field("velocity_mps", &C::velocity_mps,
-              {.about = "Velocity in the world frame; for ``\"velocity\"``.", .unit = "m/s", .limits = within(1e4)}),
+              {.about =
+                   "``\"velocity\"``: constant ``velocity_mps`` and ``turn_rate_dps``. ``\"waypoints\"``: along ``points_m`` at "
+                   "``speed_mps``. ``\"orbit\"``: around ``center_m`` and ``axis``, one turn per ``period_s``. ``\"hinge\"``: "
+                   "around them to ``angle_deg`` and back in ``period_s``. ``\"slider\"``: to ``travel_m`` away and back in "
+                   "``period_s``. ``\"random_walk\"``: straight to a new random point of the box every ``period_s``."}),
+        field("velocity_mps", &C::velocity_mps, {.about = "Velocity, world frame.", .unit = "m/s", .limits = within(1e4)}),
         field("turn_rate_dps", &C::turn_rate_dps,
-              {.about = "Angular velocity in the body frame; for ``\"velocity\"``.", .unit = "deg/s", .limits = within(36000)}),
+              {.about = "Angular velocity, body frame.", .unit = "deg/s", .limits = within(36000)}),
         field("points_m", &C::points_m,
-              {.about = "Positions (x, y, z) to pass, world frame; for ``\"waypoints\"``, which starts at the first one instead "
-                        "of the body's ``position_m``.",
+              {.about = "Positions (x, y, z) of ``\"waypoints\"``, world frame, from the first one instead of ``position_m``.",
                .unit = "m",
                .limits = within(kMaxCoordinate)}),
         field("route", &C::route,
-              {.about = "After the last point: ``\"loop\"`` goes to the first, ``\"back_and_forth\"`` returns the same way, "
-                        "``\"once\"`` stays; for ``\"waypoints\"``."}),
+              {.about = "After the last of ``\"waypoints\"``: ``\"loop\"`` goes to the first, ``\"back_and_forth\"`` returns the "
+                        "same way, ``\"once\"`` stays."}),
         field("speed_mps", &C::speed_mps, {.about = "Speed along the points.", .unit = "m/s", .limits = between(0, 1e4)}),
         field("corner_radius_m", &C::corner_radius_m,
-              {.about = "Radius of the arcs that round the route's corners, smaller if the legs of a corner are short.",
+              {.about = "Radius of arcs that round the corners of ``\"waypoints\"``, smaller between short legs.",
                .unit = "m",
                .limits = between(0, kMaxCoordinate)}),
         field("faces_travel", &C::faces_travel,
-              {.about = "Turns the body about z, so that its x axis points along the route; for ``\"waypoints\"``. At a corner "
-                        "without a "
-                        "radius it turns at once."}),
+              {.about = "Turns the body about z along ``\"waypoints\"``, so that its x axis points ahead; at a corner without a "
+                        "radius at once."}),
         field("center_m", &C::center_m,
-              {.about = "A point of the axis, world frame; for ``\"orbit\"`` and ``\"hinge\"``.",
+              {.about = "A point of the axis of ``\"orbit\"`` and ``\"hinge\"``, world frame.",
                .unit = "m",
                .limits = within(kMaxCoordinate)}),
         field("axis", &C::axis,
-              {.about = "Direction of the axis, world frame, at least 1e-6 long; turns are counter-clockwise about it. For "
-                        "``\"orbit\"`` and ``\"hinge\"``.",
+              {.about = "Direction of the axis of ``\"orbit\"`` and ``\"hinge\"``, world frame, at least 1e-6 long; turns are "
+                        "counter-clockwise.",
                .limits = within(kMaxCoordinate)}),
         field("period_s", &C::period_s,
               {.about = "Time of one turn, of a swing there and back, or of one way of a random walk.",
@@ -110,11 +106,10 @@ struct BodyMotion {
               {.about = "Lower corner of the box of a random walk, world frame.", .unit = "m", .limits = within(kMaxCoordinate)}),
         field("box_max_m", &C::box_max_m, {.about = "Upper corner of that box.", .unit = "m", .limits = within(kMaxCoordinate)}),
         field("phase", &C::phase,
-              {.about = "Part of the script that is over when an episode begins: of the turn, the swing or the round trip.",
-               .limits = between(0, 1)}),
-        field("random_phase", &C::random_phase, {.about = "Draws the phase of each episode, uniform in [0, 1)."}),
+              {.about = "Part of the turn, swing or round trip that is over when an episode begins.", .limits = between(0, 1)}),
+        field("random_phase", &C::random_phase, {.about = "Draws the phase of each episode."}),
         field("speed_spread", &C::speed_spread,
-              {.about = "Each episode multiplies the speed by a factor drawn from [1 - spread, 1 + spread].",
+              {.about = "Each episode multiplies the speed by a factor in [1 - spread, 1 + spread].",
                .limits = {.least = 0, .greatest = 1, .excludes_greatest = true}}));
   }
 
@@ -147,17 +142,16 @@ struct BodyConfig {
     return field_list(
         field("name", &C::name, {.about = "Name in messages; several bodies may share it.", .form = Form::plain_name}),
         field("shape", &C::shape,
-              {.about = "The shape; cylinders and capsules stand along their z axis. Sensors detect the triangles of a "
-                        "``\"mesh\"``, and drones hit the convex hull of each of its objects."}),
+              {.about = "Cylinders and capsules stand along z. Sensors detect the triangles of a ``\"mesh\"``, drones hit the "
+                        "convex hull of each of its objects."}),
         field("size_m", &C::size_m,
-              {.about = "Sizes along the body's x, y and z axes. A cylinder or a capsule has equal x and y, its diameter, and a "
-                        "capsule's z, with its round caps, is at least that; the three of a sphere are equal. Not for a mesh, "
-                        "which has its own size.",
+              {.about = "Sizes along x, y and z. A cylinder or a capsule has equal x and y, its diameter, a sphere three equal "
+                        "sizes; a capsule's z, with its caps, is at least its diameter. Not for a mesh.",
                .unit = "m",
                .limits = between(1e-3, 1e5)}),
         field("mesh", &C::mesh,
-              {.about = "World whose triangles, materials and textures make up a body of the shape ``\"mesh\"``, in the body's "
-                        "frame. It has no primitives and no bodies; its markers and its light are ignored."}),
+              {.about = "World whose triangles, materials and textures make up the ``\"mesh\"``, in the body's frame. It has no "
+                        "primitives and no bodies; its markers and light are ignored."}),
         field("position_m", &C::position_m,
               {.about = "Position of the centre, or of a mesh's origin, when an episode begins, world frame.",
                .unit = "m",

@@ -25,12 +25,12 @@ struct ColorRange {
   static constexpr auto fields() {
     using C = ColorRange;
     return field_list(
-        field("space", &C::space,
-              {.about = "The three channels, 8 bits each, of a pixel as written. ``\"rgb\"``: red, green, blue. ``\"hsv\"``: hue "
-                        "in [0, 179], half of the degrees (red 0, green 60, blue 120); saturation and value in [0, 255]. "
-                        "``\"excess\"``: by how much red, green and blue each exceed 1.25 times the larger of the other two, "
-                        "rounded up; 0 if they do not. Light scales the channels equally, so ``\"excess\"`` finds a hue in most "
-                        "light: ``low=(17, 0, 0)`` is red."}),
+        field(
+            "space", &C::space,
+            {.about = "Channels, 8 bits each, of a pixel as written. ``\"rgb\"``: red, green, blue. ``\"hsv\"``: hue in [0, "
+                      "179], half of the degrees (red 0, green 60, blue 120); saturation and value in [0, 255]. ``\"excess\"``: "
+                      "by how much red, green and blue each exceed 1.25 times the larger of the other two, rounded up, at least "
+                      "0. It finds a hue in most light, which scales the channels equally: ``low=(17, 0, 0)`` is red."}),
         field("low", &C::low, {.about = "Minimum of each channel.", .limits = between(0, 255)}),
         field("high", &C::high,
               {.about = "Maximum of each channel, at least ``low``. A hue wraps around: from 170 to 10 is red.",

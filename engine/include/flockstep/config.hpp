@@ -54,60 +54,50 @@ struct BatchConfig {
     using C = BatchConfig;
     return field_list(
         field("num_envs", &C::num_envs,
-              {.about = "Number of envs, E. With M drones in each there are at most 1048576 drones. A batch without a task may "
-                        "begin with no env; every drone that it spawns then has its own env.",
+              {.about = "Number of envs, E, with at most 1048576 drones in all. A batch without a task may begin with none; "
+                        "every drone that it spawns then has its own env.",
                .limits = between(0, kMaxDrones)}),
         field("drones_per_env", &C::drones_per_env,
-              {.about = "Number of drones in each env, M. They share a world. A batch without a task may begin with no drone in "
-                        "its envs.",
+              {.about = "Number of drones in each env, M, which share a world. A batch without a task may begin with none.",
                .limits = between(0, kMaxDrones)}),
         field("interaction", &C::interaction,
-              {.about =
-                   "How the drones of an env interact. ``\"none\"``: not at all. ``\"sense\"``: their LiDARs detect the hulls of "
-                   "the others, and their cameras see their meshes. ``\"collide\"``: they hit each other with their "
-                   "hulls. ``\"both\"``: both. Unless it is ``\"none\"``, an env has at most 4096 drones."}),
+              {.about = "How the drones of an env interact. ``\"none\"``: not at all. ``\"sense\"``: LiDARs detect the others' "
+                        "hulls, cameras see their meshes. ``\"collide\"``: they hit each other with their hulls. ``\"both\"``: "
+                        "both. Unless ``\"none\"``, an env has at most 4096 drones."}),
         field("drone_mesh", &C::drone_mesh,
-              {.about = "World whose triangles, materials and textures show the drones to the cameras of the others, in the body "
-                        "frame, like the mesh of a `BodyConfig`. Only if ``interaction`` is ``\"sense\"`` or ``\"both\"``. None: "
-                        "their hull, in "
-                        "grey."}),
+              {.about = "World whose triangles, materials and textures show the drones to other drones' cameras, in the body "
+                        "frame, like the mesh of a `BodyConfig`. Needs ``interaction`` ``\"sense\"`` or ``\"both\"``. None: "
+                        "their hull, in grey."}),
         field("num_threads", &C::num_threads,
-              {.about = "Number of threads, at most four per processor; a larger number gives these, with a warning. 0: the "
-                        "physical cores that this process may run on. No result depends on it.",
+              {.about = "Number of threads, at most four per processor (else with a warning). 0: the physical cores that this "
+                        "process may use. No result depends on it.",
                .limits = between(0, 4096),
                .affects_hash = AffectsHash::no}),
         field("block_size", &C::block_size,
-              {.about = "Number of envs that a thread takes at once. 0: chosen by the engine. No result depends on it.",
+              {.about = "Envs that a thread takes at once. 0: the engine chooses. No result depends on it.",
                .limits = at_least(0),
                .affects_hash = AffectsHash::no}),
         field("lidars", &C::lidars, {.about = "The LiDARs of each drone, with different names."}),
         field("cameras", &C::cameras,
-              {.about = "The cameras of each drone, with different names. The images of one camera have at most 2^32 pixels "
-                        "over all drones."}),
+              {.about = "The cameras of each drone, with different names. One camera has at most 2^32 pixels over all drones."}),
         field("camera_backend", &C::camera_backend,
-              {.about = "Renderer of cameras. ``\"raycast\"``: the engine's own tracing, which needs no GPU and is bitwise "
-                        "reproducible. ``\"gl\"``: OpenGL 4.5 through EGL, headless: the same geometry, without shadows "
-                        "and fog; if it is missing, raycast with a warning. ``\"auto\"``: raycast.",
+              {.about = "Renderer of cameras. ``\"raycast\"``: the engine's own tracing, without a GPU, bit-identical for any "
+                        "number of threads. ``\"gl\"``: OpenGL 4.5 through EGL, without shadows and fog; if it is missing, "
+                        "raycast with a warning. ``\"auto\"``: raycast.",
                .affects_hash = AffectsHash::no}),
         field("tracer", &C::tracer,
-              {.about =
-                   "Method that traces rays against triangles. ``\"auto\"``: the fastest for each sensor. LiDAR channels whose "
-                   "beams lie in a plane and close together (fans) are traced in a slice of the world; neighbouring rays of "
-                   "cameras and of LiDARs with many "
-                   "channels go through a tree of triangles together, in tiles; Embree traces the others, and shadow rays. "
-                   "``\"slices\"``: every fan, however few beams it has and however far apart they are. ``\"tiles\"``: tiles in "
-                   "every world, and no slices. "
-                   "``\"embree\"``: Embree traces all rays, for comparison."}),
+              {.about = "Method that traces rays against triangles. ``\"auto\"``: the fastest for each sensor. ``\"slices\"``: a "
+                        "slice of the world for every fan (LiDAR channel in a plane). ``\"tiles\"``: neighbouring rays together, "
+                        "and no slices. ``\"embree\"``: Embree for all, for comparison."}),
         field("pose_sensor", &C::pose_sensor, {.about = "The pose sensor of each drone."}),
         field("imus", &C::imus, {.about = "The IMUs of each drone, with different names; they need simulated rotors."}),
-        field("bodies", &C::bodies, {.about = "Bodies that are in every env when an episode begins, after those of its world."}),
+        field("bodies", &C::bodies, {.about = "Bodies in every env at an episode's beginning, after those of its world."}),
         field("max_bodies", &C::max_bodies,
-              {.about = "Number of slots for bodies in each env, B. Free slots are for ``batch.bodies.spawn()``. 0: as many as "
-                        "an episode may begin with.",
+              {.about = "Slots for bodies in each env, B. Free ones are for ``batch.bodies.spawn()``. 0: as many as an episode "
+                        "may begin with.",
                .limits = between(0, kMaxBodies)}),
         field("lights", &C::lights,
-              {.about = "Lights, at most 4096, of which each episode of an env draws one instead of its world's. Empty: the "
-                        "lights of the worlds."}),
+              {.about = "At most 4096 lights, of which each episode of an env draws one. Empty: the lights of the worlds."}),
         field("episode", &C::episode, {.about = "Begin and end of episodes."}),
         field("clock", &C::clock, {.about = "Rates of policy, controller and physics."}),
         field("dynamics", &C::dynamics, {.about = "Motion model of the drones."}));

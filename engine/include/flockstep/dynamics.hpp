@@ -77,21 +77,17 @@ struct DynamicsConfig {
     using C = DynamicsConfig;
     return field_list(
         field("motion", &C::motion,
-              {.about = "``\"kinematic\"``: the drone moves straight to the setpoint. ``\"rotors\"``: simulated forces move the "
-                        "drone, which must have an airframe."}),
+              {.about = "``\"kinematic\"``: straight to the setpoint. ``\"rotors\"``: by simulated forces; needs an airframe."}),
         field("control", &C::control, {.about = "Meaning of commands; kinematic motion takes only ``\"pose\"``."}),
         field("integrator", &C::integrator,
-              {.about = "Method for the equations of motion. ``\"midpoint\"``: second order, with rotor speeds and attitude in "
-                        "closed form. ``\"rk4\"``: fourth order. ``\"automatic\"``: rk4 if ``control`` is rotor speeds or "
-                        "thrusts and a tick is at most twice the rotors' lag, otherwise midpoint."}),
-        field(
-            "on_contact", &C::on_contact,
-            {.about =
-                 "``\"terminate\"``: the drone stays where it hit, and its episode ends with the step. ``\"stop\"``: the points "
-                 "of contact come to rest, and the drone flies on. ``\"bounce\"``: the drone bounces back and flies on."}),
-        field(
-            "restitution", &C::restitution,
-            {.about = "In a bounce, the speed away from the surface divided by the speed towards it.", .limits = between(0, 1)}),
+              {.about = "``\"midpoint\"``: second order, with rotor speeds and attitude in closed form. ``\"rk4\"``: fourth "
+                        "order. ``\"automatic\"``: rk4 if ``control`` is rotor speeds or thrusts and a tick is at most twice the "
+                        "rotors' lag, otherwise midpoint."}),
+        field("on_contact", &C::on_contact,
+              {.about = "``\"terminate\"``: the drone stays where it hit, and its episode ends with the step. ``\"stop\"``: the "
+                        "points of contact come to rest, and it flies on. ``\"bounce\"``: it bounces back."}),
+        field("restitution", &C::restitution,
+              {.about = "Speed away from the surface divided by the speed towards it, in a bounce.", .limits = between(0, 1)}),
         field("friction", &C::friction, {.about = "Coulomb's coefficient of friction, in a bounce.", .limits = between(0, 10)}),
         field("rotor_lag", &C::rotor_lag, {.about = "Rotors take time to change their speed."}),
         field("rotor_drag", &C::rotor_drag, {.about = "Drag and lift of rotors that move through the air."}),

@@ -53,26 +53,24 @@ struct EpisodeConfig {
     using C = EpisodeConfig;
     return field_list(
         field("autoreset_mode", &C::autoreset_mode,
-              {.about = "``\"next_step\"``: the step after the last one of an episode ignores the action and returns the reset "
-                        "observation, reward 0 and flags False. ``\"same_step\"``: the last step returns the reset observation, "
-                        "and its own is the final observation. ``\"disabled\"``: the caller resets with a mask; a finished env "
-                        "does not change until then. As `gymnasium.vector.AutoresetMode`."}),
+              {.about = "As `gymnasium.vector.AutoresetMode`. ``\"next_step\"``: the step after an episode's last one ignores "
+                        "the action and returns the reset observation, reward 0 and flags False. ``\"same_step\"``: the last "
+                        "step returns it, and its own is the final observation. ``\"disabled\"``: the caller resets with a mask, "
+                        "and a finished env waits."}),
         field("episodes", &C::episodes,
-              {.about = "How the episodes of an env's drones belong together, if the task has a row for each drone. "
-                        "``\"team\"``: they begin and end together; if one ends, the others are truncated. ``\"each\"``: a "
-                        "drone begins its next episode without the others, and the env goes on. ``\"last\"``: they begin "
-                        "together; a drone whose episode has ended is inactive until all have ended."}),
+              {.about = "Episodes of an env's drones, if each has a row. ``\"team\"``: begin and end together; if one ends, the "
+                        "others are truncated. ``\"each\"``: a drone begins its next one alone. ``\"last\"``: begin together; a "
+                        "drone that ends is inactive until all have ended."}),
         field("max_episode_steps", &C::max_episode_steps,
               {.about = "Time limit in control steps, after which episodes are truncated. 0: no limit. None: the task's.",
                .limits = at_least(0)}),
         field("frame_skip", &C::frame_skip,
-              {.about = "`Batch.step` repeats its action this many times, or until the episode ends, and returns the summed "
-                        "reward. All step counts are in control steps. Cameras capture only after the last one.",
+              {.about = "`Batch.step` repeats its action this many times, or until the episode ends, and sums the reward. "
+                        "Cameras capture only after the last one. Step counts are in control steps.",
                .limits = between(1, 1000)}),
-        field(
-            "stagger_first_episode", &C::stagger_first_episode,
-            {.about = "Spread the first time limits over [1, max_episode_steps], by seed, so that the first episodes do not all "
-                      "end in the same step."}),
+        field("stagger_first_episode", &C::stagger_first_episode,
+              {.about = "Spread the first time limits over [1, max_episode_steps], by seed, so that not all first episodes end "
+                        "at once."}),
         field("random_world", &C::random_world,
               {.about = "Each reset draws one of the batch's worlds instead of keeping the env's own."}));
   }
@@ -90,22 +88,19 @@ struct ClockConfig {
   static constexpr auto fields() {
     using C = ClockConfig;
     return field_list(
-        field("policy_hz", &C::policy_hz,
-              {.about = "Control steps per second; the policy decides once in each.",
-               .unit = "Hz",
-               .limits = between(0.001, 100000)}),
+        field(
+            "policy_hz", &C::policy_hz,
+            {.about = "Control steps, and decisions of the policy, per second.", .unit = "Hz", .limits = between(0.001, 100000)}),
         field("physics_hz", &C::physics_hz,
-              {.about =
-                   "Ticks per second, 1 to 1000 per control step. None: one per control step; for simulated rotors, as many as "
-                   "give at least 500 Hz. Simulated rotors need at least 50 Hz.",
+              {.about = "Ticks per second, 1 to 1000 per control step. None: one per control step; for simulated rotors, which "
+                        "need at least 50 Hz, as many as give 500 Hz or more.",
                .unit = "Hz",
                .limits = above(0)}),
-        field(
-            "controller_hz", &C::controller_hz,
-            {.about = "Calls per second of the controller of drones that fly by rotors: a multiple of ``policy_hz`` that divides "
-                      "``physics_hz``. None: one per tick.",
-             .unit = "Hz",
-             .limits = above(0)}));
+        field("controller_hz", &C::controller_hz,
+              {.about = "Calls of the rotors' controller per second: a multiple of ``policy_hz`` that divides ``physics_hz``. "
+                        "None: one per tick.",
+               .unit = "Hz",
+               .limits = above(0)}));
   }
 
   FLOCKSTEP_API void validate() const;

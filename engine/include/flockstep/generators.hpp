@@ -23,17 +23,16 @@ struct PlaygroundConfig {
 
   static constexpr auto fields() {
     using C = PlaygroundConfig;
-    return field_list(field("seed", &C::seed, {.about = "Seed of the layout."}),
-                      field("pillars", &C::pillars, {.about = "Number of pillars.", .limits = between(0, 200)}),
-                      field("size_m", &C::size_m, {.about = "Size of the room (x, y, z).", .unit = "m", .each = kSizes}),
-                      field("pillar_radius_m", &C::pillar_radius_m,
-                            {.about = "Radius of the pillars, at most a fourteenth of the shorter side of the room.",
-                             .unit = "m",
-                             .limits = at_least(0.01)}),
-                      field("movers", &C::movers,
-                            {.about = "Number of pillars and boxes that go back and forth between the pillars; fewer if not all "
-                                      "find a free way.",
-                             .limits = between(0, 100)}));
+    return field_list(
+        field("seed", &C::seed, {.about = "Seed of the layout."}),
+        field("pillars", &C::pillars, {.about = "Number of pillars.", .limits = between(0, 200)}),
+        field("size_m", &C::size_m, {.about = "Size of the room (x, y, z).", .unit = "m", .each = kSizes}),
+        field("pillar_radius_m", &C::pillar_radius_m,
+              {.about = "Radius of the pillars, at most a fourteenth of the room's shorter side.",
+               .unit = "m",
+               .limits = at_least(0.01)}),
+        field("movers", &C::movers,
+              {.about = "Pillars and boxes that go back and forth, as far as they find free paths.", .limits = between(0, 100)}));
   }
 
   FLOCKSTEP_API void validate() const;
@@ -83,12 +82,11 @@ struct CityConfig {
     return field_list(
         field("seed", &C::seed, {.about = "Seed of the layout."}),
         field("blocks", &C::blocks,
-              {.about = "Number of blocks along x, from start to goal, and along y. A block is 34 to 46 m, a street 10 m wide.",
+              {.about = "Blocks along x, from start to goal, and along y, each 34 to 46 m, with streets of 10 m.",
                .limits = between(1, 8)}),
         field("height_m", &C::height_m, {.about = "Height of the tallest roofs.", .unit = "m", .limits = between(12, 200)}),
         field("traffic", &C::traffic,
-              {.about = "Number of cars that drive around the blocks, instead of cars that stand on the lanes; fewer if not all "
-                        "find a free way.",
+              {.about = "Cars that drive around the blocks instead of standing, as far as they find free paths.",
                .limits = between(0, 500)}));
   }
 
@@ -117,10 +115,9 @@ struct OfficeConfig {
         field("seed", &C::seed, {.about = "Seed of the layout."}),
         field("size_m", &C::size_m, {.about = "Size along x and y, rounded down to half metres.", .unit = "m", .each = kSizes}),
         field("furniture", &C::furniture, {.about = "Density of the furniture.", .limits = between(0, 1)}),
-        field("waypoints", &C::waypoints, {.about = "Place a waypoint on either side of each door of the path."}),
+        field("waypoints", &C::waypoints, {.about = "Waypoints on either side of each door of the path."}),
         field("walkers", &C::walkers,
-              {.about = "Number of people that walk up and down; fewer if not all find a free way. If there are any, the open "
-                        "doors swing.",
+              {.about = "People that walk up and down, as far as they find free paths. With any, the open doors swing.",
                .limits = between(0, 200)}));
   }
 
@@ -149,13 +146,13 @@ struct WarehouseConfig {
         field("seed", &C::seed, {.about = "Seed of the layout."}),
         field("size_m", &C::size_m,
               {.about = "Size along x, across the rows of racks, and along y.", .unit = "m", .each = kSizes}),
-        field(
-            "height_m", &C::height_m,
-            {.about = "Height of the eaves; up to five pallets stand above each other.", .unit = "m", .limits = between(5, 20)}),
-        field("waypoints", &C::waypoints, {.about = "Place a waypoint at each turn of the path."}),
+        field("height_m", &C::height_m,
+              {.about = "Height of the eaves; at most five pallets stand above each other.",
+               .unit = "m",
+               .limits = between(5, 20)}),
+        field("waypoints", &C::waypoints, {.about = "Waypoints at each turn of the path."}),
         field("forklifts", &C::forklifts,
-              {.about = "Number of forklifts that drive up and down the aisles; fewer if not all find a free way.",
-               .limits = between(0, 200)}));
+              {.about = "Forklifts that drive along the aisles, as far as they find free paths.", .limits = between(0, 200)}));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -34,8 +34,8 @@ struct ContactState {  // contacts of the last motion
         array("inside", &C::inside,
               {.values = Values::flag,
                .writer = kWriter,
-               .about = "True if the drone overlapped an obstacle when the motion began, or was squeezed between a body and "
-                        "something else at its end"}),
+               .about =
+                   "True if the drone overlapped an obstacle at the beginning of the motion, or a body squeezed it at the end"}),
         array("fraction", &C::fraction,
               {.values = Values::fraction,
                .writer = kWriter,
@@ -49,19 +49,15 @@ struct ContactState {  // contacts of the last motion
                .writer = kWriter,
                .about = "direction from the obstacle towards the drone"}),
         array("body", &C::body,
-              {.values = Values::last_count,
-               .writer = kWriter,
-               .about = "number of the body that the drone touched, in its env; -1: no body"}),
+              {.values = Values::last_count, .writer = kWriter, .about = "number of the touched body in its env; -1: none"}),
         array("drone", &C::drone,
-              {.values = Values::last_count,
-               .writer = kWriter,
-               .about = "number of the drone that the drone touched, in its env; -1: no drone"}),
+              {.values = Values::last_count, .writer = kWriter, .about = "number of the touched drone in its env; -1: none"}),
         array("surface_velocity", &C::surface_velocity,
               {.columns = 3,
                .unit = "m/s",
                .frame = Frame::world,
                .writer = kWriter,
-               .about = "velocity, at the contact point, of the body or drone that the drone touched; 0 for the static world"}));
+               .about = "velocity of the touched body or drone at the contact point; 0 for the static world"}));
   }
 };
 
@@ -173,7 +169,7 @@ struct FlightState {
                .unit = "m/s",
                .frame = Frame::world,
                .writer = "the step, before it flies; resets",
-               .about = "wind of the last step; before an episode's first step, the wind it begins with"}),
+               .about = "wind of the last step; before the first one, the wind of the start"}),
         array("gust", &C::gust,
               {.columns = 5,
                .access = Access::internal,
@@ -191,17 +187,16 @@ struct OwnEpisodes {
   static constexpr auto fields() {
     using C = OwnEpisodes;
     constexpr const char* kWriter = "the step, resets";
-    return field_list(
-        array("own_episodes", &C::own_episodes,
-              {.values = Values::count,
-               .writer = kWriter,
-               .about = "episodes that the drone began without its teammates under the env's seed. The number of the drone's "
-                        "episode is the sum of this and `episode`. Empty unless `episodes` is \"each\" or \"last\""}),
-        array("finished", &C::finished,
-              {.values = Values::flag,
-               .writer = kWriter,
-               .about = "True if the drone is inactive because its episode has ended, and those of its teammates go on. Empty "
-                        "unless `episodes` is \"each\" or \"last\""}));
+    return field_list(array("own_episodes", &C::own_episodes,
+                            {.values = Values::count,
+                             .writer = kWriter,
+                             .about = "episodes that the drone began alone under the env's seed, to be added to `episode`. Empty "
+                                      "unless `episodes` is \"each\" or \"last\""}),
+                      array("finished", &C::finished,
+                            {.values = Values::flag,
+                             .writer = kWriter,
+                             .about = "True if the drone waits for the end of its teammates' episodes. Empty unless `episodes` "
+                                      "is \"each\" or \"last\""}));
   }
 };
 
@@ -233,11 +228,11 @@ struct State {
         array("active", &C::active,
               {.values = Values::flag,
                .writer = "spawn() and remove(); the step with episodes=\"last\"",
-               .about = "True if the drone is there; False if it was removed or has finished, see `finished`"}),
+               .about = "True if the drone is there: neither removed nor `finished`"}),
         array("world_index", &C::world_index,
               {.rows = Rows::env,
                .writer = "resets, set_world()",
-               .about = "index into `worlds`; with a `WorldPool`, the number of the env's world"}),
+               .about = "index into `worlds`, or number of the world of a `WorldPool`"}),
         array("seed", &C::seed,
               {.rows = Rows::env,
                .access = Access::internal,
@@ -329,7 +324,7 @@ struct EpisodeState {
               {.rows = Rows::task,
                .values = Values::flag,
                .writer = kWriter,
-               .about = "True if the row took part in the last step; False if its episode was already over"}),
+               .about = "True if the agent took part in the last step"}),
         array("bad", &C::bad,
               {.rows = Rows::task,
                .values = Values::flag,

@@ -30,29 +30,24 @@ struct WindConfig {
     return field_list(
         field("mean_mps", &C::mean_mps,
               {.about = "Mean wind (x, y, z) in the world frame.", .unit = "m/s", .limits = within(1000)}),
-        field(
-            "gusts", &C::gusts,
-            {.about = "``\"ornstein_uhlenbeck\"``: correlated noise, the same along each axis. ``\"dryden\"``: the turbulence of "
-                      "MIL-F-8785C at low altitude, carried past by the mean wind, at 1 m/s if the mean is less."}),
+        field("gusts", &C::gusts,
+              {.about = "``\"ornstein_uhlenbeck\"``: correlated noise along each axis. ``\"dryden\"``: turbulence of MIL-F-8785C "
+                        "at low altitude, carried past by the mean wind, at 1 m/s or faster."}),
         field("gust_std_mps", &C::gust_std_mps,
-              {.about = "Standard deviation of gusts along each axis. Only with ``gusts=\"ornstein_uhlenbeck\"``.",
+              {.about = "Standard deviation along each axis, for ``\"ornstein_uhlenbeck\"``.",
                .unit = "m/s",
                .limits = between(0, 1000)}),
         field("gust_time_s", &C::gust_time_s,
-              {.about = "Time in which a gust falls to 1/e. Only with ``gusts=\"ornstein_uhlenbeck\"``.",
-               .unit = "s",
-               .limits = above(0)}),
+              {.about = "Time in which a gust falls to 1/e, for ``\"ornstein_uhlenbeck\"``.", .unit = "s", .limits = above(0)}),
         field("wind_at_6m_mps", &C::wind_at_6m_mps,
-              {.about = "Wind at 6.1 m (20 ft) above the ground. A tenth of it is the standard deviation upwards. Only with "
-                        "``gusts=\"dryden\"``.",
+              {.about = "For ``\"dryden\"``: wind at 6.1 m (20 ft) above the ground. A tenth is the standard deviation upwards.",
                .unit = "m/s",
                .limits = between(0, 1000)}),
-        field(
-            "height_m", &C::height_m,
-            {.about = "Height above the ground. It sets the scale lengths, and the strength along and across the wind. Only with "
-                      "``gusts=\"dryden\"``.",
-             .unit = "m",
-             .limits = between(3, 300)}));
+        field("height_m", &C::height_m,
+              {.about = "For ``\"dryden\"``: height above the ground. It sets the scale lengths, and the strength along and "
+                        "across the wind.",
+               .unit = "m",
+               .limits = between(3, 300)}));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -77,11 +77,10 @@ struct Texture : Object {
 
   static constexpr auto fields() {
     using C = Texture;
-    return field_list(field("file", &C::file, {.about = "Path of a PNG or JPEG file, relative to the scene."}),
-                      field("png_base64", &C::png_base64, {.about = "The bytes of such a file, in base64."}),
-                      field("wrap", &C::wrap,
-                            {.about = "How the image continues beyond its edges, horizontally and vertically: repeated, "
-                                      "mirrored, or clamped to the edge."}));
+    return field_list(
+        field("file", &C::file, {.about = "Path of a PNG or JPEG file, relative to the scene."}),
+        field("png_base64", &C::png_base64, {.about = "The bytes of such a file, in base64."}),
+        field("wrap", &C::wrap, {.about = "How the image continues beyond its edges, horizontally and vertically."}));
   }
 };
 
@@ -97,18 +96,13 @@ struct Material : Object {
     return field_list(
         field("base_color", &C::base_color, {.about = "Linear red, green, blue.", .limits = kShares}),
         field("semantic", &C::semantic,
-              {.about = "Class that cameras report. Default: the material's position in materials, counted from 1.",
-               .limits = kSemantics}),
-        field("texture", &C::texture,
-              {.about = "A name listed in textures. Its colours are multiplied by base_color; only triangles show it."}),
+              {.about = "Class that cameras report. Default: the material's number in materials, from 1.", .limits = kSemantics}),
+        field("texture", &C::texture, {.about = "A name in textures, whose colours base_color multiplies, on triangles only."}),
         field("emissive", &C::emissive,
-              {.about = "Linear red, green, blue, shown in any light and added to the lit colour. On triangles it is "
-                        "multiplied by texture and colors.",
+              {.about = "Linear RGB added to the lit colour. On triangles it is multiplied by texture and colors.",
                .limits = Light::kBrightness}),
         field("alpha_cutoff", &C::alpha_cutoff,
-              {.about = "Cameras see through triangles, and the sun shines through, if the texture's alpha, from 0 to 1, is "
-                        "below this.",
-               .limits = kShares}));
+              {.about = "Cameras and sunlight pass triangles where the texture's alpha is below this.", .limits = kShares}));
   }
 };
 
@@ -129,16 +123,13 @@ inline constexpr auto kHeight =
           metres("Length along local z. A capsule's includes its caps: at least twice the radius.", kLengths));
 inline constexpr auto kRotation =
     field("quat_wxyz", &Solid::quat_wxyz,
-          {.about = "Rotation (w, x, y, z) from local to world, of norm 1 within 1e-3; the identity if left out.",
+          {.about = "Rotation (w, x, y, z) from local to world, of norm 1 within 1e-3. Default: the identity.",
            .limits = kCoordinates});
 inline constexpr auto kMaterial =
     field("material", &Solid::material,
-          {.about = "A name listed in materials. If omitted, the material \"default\", which is light grey unless the scene "
-                    "defines it."});
+          {.about = "A name in materials. Default: \"default\", light grey unless the scene defines it."});
 inline constexpr auto kVisible = field("visible", &Solid::visible, {.about = "True if cameras, LiDARs and rays see it."});
-inline constexpr auto kSolid =
-    field("solid", &Solid::solid,
-          {.about = "True if drones hit it and planners go around it. At least one of visible and solid is true."});
+inline constexpr auto kSolid = field("solid", &Solid::solid, {.about = "True if drones hit it and planners avoid it."});
 
 struct Room : Solid {
   Required<Numbers<3>> min, max;
@@ -219,24 +210,19 @@ struct Mesh : Solid {
     using C = Mesh;
     return field_list(
         field("file", &C::file,
-              {.about = "Path of an OBJ or PLY file, relative to the scene. If material is omitted, an OBJ file uses the "
-                        "materials of its MTL files, except those that the scene also defines. Its vt become uv."}),
+              {.about = "Path of an OBJ or PLY file, relative to the scene. Without a material, an OBJ file uses its MTL "
+                        "materials, unless the scene defines the same names. Its vt become uv."}),
         field("vertices", &C::vertices, metres("x, y, z of each vertex.", kCoordinates)),
         field("triangles", &C::triangles,
-              {.about = "Vertex indices from 0, counter-clockwise seen from outside. Triangles without an area are refused."}),
-        field("uv", &C::uv,
-              {.about = "One per vertex, a place in the texture: [0, 0] is its upper left corner, [1, 1] its lower right one.",
-               .limits = kCoordinates}),
+              {.about = "Vertex indices from 0, counter-clockwise seen from outside, each with an area."}),
+        field("uv", &C::uv, {.about = "Place in the texture, one per vertex.", .limits = kCoordinates}),
         field("colors", &C::colors,
-              {.about = "One per vertex, linear red, green, blue: base_color and emissive are multiplied by them. White if "
-                        "left out.",
+              {.about = "Linear RGB, one per vertex, that base_color and emissive are multiplied by. Default: white.",
                .limits = kShares}),
         field("position", &C::position, metres("Position of the mesh's origin. Default: the world's origin.", kCoordinates)),
         kRotation,
-        field("scale", &C::scale,
-              {.about = "Factor of all coordinates of the mesh, before rotation and position.", .limits = kSizes}),
-        field("material", &C::materials, {.about = "One name for all triangles, or an array with a name for each."}), kVisible,
-        kSolid);
+        field("scale", &C::scale, {.about = "Factor of all coordinates, before rotation and position.", .limits = kSizes}),
+        field("material", &C::materials, {.about = "One name for all triangles, or one for each."}), kVisible, kSolid);
   }
 };
 
@@ -263,7 +249,7 @@ struct Markers : Object {
                       field("start", &C::start, metres("x, y, z.", kCoordinates)),
                       field("waypoints", &C::waypoints, metres("x, y, z of each, in the order of flight.", kCoordinates)),
                       field("goal", &C::goal, metres("x, y, z.", kCoordinates)),
-                      field("spawn_box", &C::spawn_box, {.about = "The box in which a task may start drones at random."}));
+                      field("spawn_box", &C::spawn_box, {.about = "Box in which a task may start drones at random."}));
   }
 };
 
@@ -298,22 +284,20 @@ struct Scene {
         field("name", &C::name, {.about = "Shown in messages and pictures."}),
         field("textures", &C::textures, {.about = "Images by name. They colour triangles."}),
         field("materials", &C::materials, {.about = "Materials by name."}),
-        field("room", &C::room, {.about = "The inside of a box: floor, walls and ceiling, hit from within."}),
-        field("pillars", &C::pillars,
-              {.about = "Upright cylinders from the floor of the room to its ceiling, or from z[0] to z[1]."}),
+        field("room", &C::room, {.about = "Floor, walls and ceiling of a box, hit from inside."}),
+        field("pillars", &C::pillars, {.about = "Upright cylinders from floor to ceiling, or from z[0] to z[1]."}),
         field("cylinders", &C::cylinders, {.about = "Cylinders with flat caps; the axis is local z."}),
         field("boxes", &C::boxes, {.about = "Boxes."}), field("spheres", &C::spheres, {.about = "Spheres."}),
         field("capsules", &C::capsules, {.about = "Cylinders with round caps at both ends; the axis is local z."}),
-        field("planes", &C::planes, {.about = "Rectangles of no thickness, normal to local z, seen and hit from both sides."}),
-        field("discs", &C::discs, {.about = "Discs of no thickness, normal to local z, seen and hit from both sides."}),
+        field("planes", &C::planes, {.about = "Rectangles without thickness, normal to local z, seen and hit from both sides."}),
+        field("discs", &C::discs, {.about = "Discs without thickness, normal to local z, seen and hit from both sides."}),
         field("gates", &C::gates,
-              {.about = "Openings with a frame, in the order of flight. Drones pass a gate along its local x; local z is up. The "
-                        "frame is four boxes or a ring of 16 capsules."}),
+              {.about = "Openings with a frame, in the order of flight. Drones pass along local x; local z is up. The frame is "
+                        "four boxes or a ring of 16 capsules."}),
         field("meshes", &C::meshes,
               {.about = "Triangles from an OBJ or PLY file, or given here; scaled, then rotated, then moved. Each mesh is one "
                         "object to cameras."}),
-        field("bodies", &C::bodies,
-              {.about = "Solids that move, with the fields of BodyConfig. Every env in this world has them."}),
+        field("bodies", &C::bodies, {.about = "Solids that move, in every env of this world."}),
         field("markers", &C::markers, {.about = "Named places. Nothing collides with them and no LiDAR sees them."}),
         field("light", &C::light, {.about = "Sun and sky, as cameras see them."}));
   }

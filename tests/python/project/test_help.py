@@ -89,7 +89,7 @@ def test_signatures_and_docstrings_are_those_of_the_stub():
 def test_help_shows_what_a_newcomer_looks_for():
     text = pydoc.plain(pydoc.render_doc(flockstep.LidarConfig))
     assert "max_range_m=3.0" in text
-    assert "Anything farther is a miss: inf in metres" in text
+    assert "Beyond it is a miss: inf in metres" in text
     assert flockstep.LidarConfig.max_range_m.__doc__.endswith("Values: > 0 m. Default: 3.0.")
     assert str(inspect.signature(flockstep.ClockConfig)).startswith("(*, policy_hz=")
 
@@ -145,12 +145,13 @@ def test_stub_and_documents_are_made_from_the_lists_of_the_engine(monkeypatch):
     assert STUB.read_text(encoding="utf-8") == stubs.stub_text()  # which the build writes
     for made in (stubs.TEMPLATE, *stubs.MADE, *stubs.DOCUMENTS):
         assert made.read_text(encoding="utf-8") == stubs.renewed(made), f"{made.name}: run bindings/stubs.py"
-    # Each configuration has its table. Tasks have theirs on the pages of environments, the learner in its docstring.
+    # Each configuration has its table, except for those that configs.md leaves to `help` and other pages.
     pages = [stubs.ROOT / "docs" / "reference" / name for name in ("configs.md", "drone-files.md")]
     text = "".join(page.read_text(encoding="utf-8") for page in pages)
-    learner = {_core.NetworkConfig, _core.RolloutConfig, _core.UpdateConfig}
-    named = {config.__name__ for config in {*CONFIGURATIONS} - {*_core.engine_tasks.values()} - learner}
-    for name in [*sorted(named), *_core._other_fields]:
+    others = {_core.NetworkConfig, _core.RolloutConfig, _core.UpdateConfig, _core.NavigationReward, _core.ColorRange}
+    others |= {*_core.engine_tasks.values(), _core.ServerConfig}
+    named = {config.__name__ for config in {*CONFIGURATIONS} - others}
+    for name in [*sorted(named), "Airframe", "BatchConfig"]:
         assert f"<!-- fields of {name} -->\n| field |" in text, name
 
 

@@ -91,6 +91,8 @@ WHERE = {
     "operation": ("server/", "envs/flockstep/client/"),
     "field": ("bindings/", "envs/"),
 }
+#: Files that use a name as programs of users do: rows of trainings give values to fields and sensors.
+USERS = {"field": "/trainings/", "sensor": "/trainings/", "task": "/trainings/thesis.py"}
 
 
 def places(kind: str) -> dict[str, set[str]]:
@@ -98,10 +100,7 @@ def places(kind: str) -> dict[str, set[str]]:
     found = {}
     for name, patterns in REGISTRIES[kind]().items():
         files = {file for pattern in patterns for file in words().get(pattern, ())}
-        # The rows of trainings give values to fields, as users do.
-        found[name] = {
-            file for file in files if file.startswith(WHERE[kind]) and (kind != "field" or "/trainings/" not in file)
-        }
+        found[name] = {file for file in files if file.startswith(WHERE[kind]) and USERS.get(kind, ":") not in file}
     return found
 
 

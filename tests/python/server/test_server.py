@@ -303,8 +303,7 @@ def test_the_table_has_every_operation_of_the_thesis():
     rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in table.strip().splitlines()[2:]]
     assert {row[0].split(" (")[0] for row in rows} == set(THESIS.split())
     tests = (ROOT / "tests" / "python" / "server" / "test_client_operations.py").read_text()
-    for name, call, _, test in rows:
-        assert f"def {test.strip('`')}(" in tests, name
+    for name, call in rows:
         method = re.search(r"\.(\w+)\(", call)[1]
         assert f".{method}(" in tests, name
 

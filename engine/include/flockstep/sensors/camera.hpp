@@ -101,53 +101,49 @@ struct CameraConfig {
         field("height_px", &C::height_px,
               {.about = "Height of the rendered image.", .unit = "px", .limits = between(1, kMaxSide)}),
         field("hfov_deg", &C::hfov_deg,
-              {.about = "Horizontal field of view. If only one of ``hfov_deg`` and ``vfov_deg`` is given, the other is computed "
-                        "for square pixels and must also be below 179. If neither is given, ``hfov_deg`` is 90.",
+              {.about = "Horizontal field of view. If only one of ``hfov_deg`` and ``vfov_deg`` is given, pixels are square, and "
+                        "the other must also be below 179. If neither, ``hfov_deg`` is 90.",
                .unit = "deg",
                .limits = between(0.1, 179)}),
         field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0.1, 179)}),
         field("offset_m", &C::offset_m, kMountOffset), field("quat_wxyz", &C::quat_wxyz, kMountRotation),
         field("near_m", &C::near_m,
-              {.about = "Minimum planar depth: nearer surfaces are not rendered. Must be less than ``far_m``.",
+              {.about = "Minimum planar depth, less than ``far_m``: nearer surfaces are not rendered.",
                .unit = "m",
                .limits = above(0)}),
-        field(
-            "far_m", &C::far_m,
-            {.about = "Maximum planar depth: beyond it the camera renders the sky.", .unit = "m", .limits = above_up_to(0, 1e6)}),
+        field("far_m", &C::far_m,
+              {.about = "Maximum planar depth: beyond it is sky.", .unit = "m", .limits = above_up_to(0, 1e6)}),
         field("outputs", &C::outputs,
-              {.about = "Images to write: names among ``\"rgb\"``, ``\"depth\"``, ``\"semantic\"``, ``\"instance\"``, "
-                        "``\"normal\"``, ``\"grey\"``, ``\"hsv\"``; at least one."}),
+              {.about = "Images to write, at least one: ``\"rgb\"``, ``\"depth\"``, ``\"semantic\"``, ``\"instance\"``, "
+                        "``\"normal\"``, ``\"grey\"``, ``\"hsv\"``."}),
         field("depth_kind", &C::depth_kind, {.about = "``\"planar\"``: along the optical axis. ``\"range\"``: from the camera."}),
         field("layout", &C::layout,
               {.about = "Shape of rgb, hsv and normal images. ``\"hwc\"``: (N, H, W, 3). ``\"chw\"``: (N, 3, H, W)."}),
         field("capture_mode", &C::capture_mode,
               {.about = "``\"every_step\"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``\"on_movement\"``: "
-                        "rendered at a step or `Batch.sense` only if the drone's pose or world has changed since its last frame. "
-                        "``\"on_demand\"``: rendered only by `Batch.capture`. In the first two modes, a reset also renders, and "
-                        "changed camera settings take effect at the next step or `Batch.sense`. With ``\"on_demand\"``, a reset "
-                        "or a change only marks the frame as stale until the next capture.",
+                        "there only if the drone's pose or world has changed. ``\"on_demand\"``: by `Batch.capture` alone, and a "
+                        "reset or a change of settings marks the frame as stale. In the other modes a reset renders too, and "
+                        "changed settings take effect at the next step or `Batch.sense`.",
                .affects_hash = AffectsHash::no}),  // the mode is part of the snapshot
         field("samples_per_pixel", &C::samples_per_pixel,
-              {.about = "Number of samples per pixel; they form a grid and are averaged. Only colours use several samples: all "
-                        "other outputs are taken at the pixel's centre.",
+              {.about = "Samples per pixel, averaged, for colours only; other outputs are taken at the pixel's centre.",
                .limits = one_of(1, 4, 9, 16)}),
         field("adaptive_samples", &C::adaptive_samples,
-              {.about = "Take all samples only of pixels around which colours differ, by more than 8 of 255 in a channel among "
-                        "3 x 3 pixels, and one sample of others: a nearly equal image in less time. ``\"gl\"`` takes all."}),
+              {.about = "Take all samples only where colours differ, by more than 8 of 255 in a channel among 3 x 3 pixels, and "
+                        "one elsewhere: nearly equal images in less time. ``\"gl\"`` takes all."}),
         field("shadows", &C::shadows,
-              {.about = "Hard shadows of the sun, cast by everything except markers. The walls and the ceiling of a room do not "
-                        "shade its inside."}),
+              {.about = "Hard shadows of the sun, cast by everything except markers and a room's walls and ceiling."}),
         field("rate_hz", &C::rate_hz, kSensorRate),
         field("resize", &C::resize,
               {.about = "(width, height) of the written images, at most ``width_px`` and ``height_px``. None: as rendered. "
-                        "``fx``, ``fy``, ``cx`` and ``cy`` stay those of the rendered image. Not allowed with the outputs "
-                        "semantic, instance and normal, which cannot be averaged. hsv is computed from the resized rgb.",
+                        "``fx``, ``fy``, ``cx`` and ``cy`` stay those of the rendered image. Not with the outputs semantic, "
+                        "instance and normal, which cannot be averaged.",
                .unit = "px"}),
         field(
             "pool", &C::pool,
-            {.about = "How ``resize`` combines the rendered pixels that a written pixel covers. ``\"mean\"``: weighted by "
-                      "covered area, like OpenCV's INTER_AREA. ``\"min\"``, ``\"max\"``: the minimum or maximum of each channel. "
-                      "For depth, mean and max are inf if any covered pixel is a miss; min is inf only if all are."}));
+            {.about =
+                 "How ``resize`` combines the pixels that a written one covers. ``\"mean\"``: by area, like OpenCV's INTER_AREA. "
+                 "``\"min\"``, ``\"max\"``: of each channel. Depth is inf if any pixel is a miss, with min only if all are."}));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -54,21 +54,20 @@ struct ImuConfig {
 
   static constexpr auto fields() {
     using C = ImuConfig;
-    constexpr FieldInfo kBiasTime{
-        .about = "Correlation time of the bias; 0 means a random walk.", .unit = "s", .limits = at_least(0)};
+    constexpr FieldInfo kBiasTime{.about = "Correlation time of the bias; 0: a random walk.", .unit = "s", .limits = at_least(0)};
     return field_list(
         field("name", &C::name, {.about = "Name, unique among the IMUs.", .form = Form::plain_name}),
         field("accelerometer_noise_density", &C::accelerometer_noise_density,
               {.about = "Density of the accelerometer's white noise.", .unit = "m/s^2/sqrt(Hz)", .limits = at_least(0)}),
         field("accelerometer_random_walk", &C::accelerometer_random_walk,
-              {.about = "Density of the noise that moves the accelerometer's bias, which is 0 when an episode begins.",
+              {.about = "Density of the noise that moves the accelerometer's bias, 0 at an episode's beginning.",
                .unit = "m/s^3/sqrt(Hz)",
                .limits = at_least(0)}),
         field("accelerometer_bias_time_s", &C::accelerometer_bias_time_s, kBiasTime),
         field("gyroscope_noise_density", &C::gyroscope_noise_density,
               {.about = "Density of the gyroscope's white noise.", .unit = "rad/s/sqrt(Hz)", .limits = at_least(0)}),
         field("gyroscope_random_walk", &C::gyroscope_random_walk,
-              {.about = "Density of the noise that moves the gyroscope's bias, which is 0 when an episode begins.",
+              {.about = "Density of the noise that moves the gyroscope's bias.",
                .unit = "rad/s^2/sqrt(Hz)",
                .limits = at_least(0)}),
         field("gyroscope_bias_time_s", &C::gyroscope_bias_time_s, kBiasTime), field("offset_m", &C::offset_m, kMountOffset),

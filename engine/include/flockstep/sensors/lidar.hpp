@@ -32,25 +32,23 @@ struct LidarConfig {
     using C = LidarConfig;
     return field_list(
         field("name", &C::name, {.about = "Name for `Batch.lidar`, unique among the LiDARs.", .form = Form::plain_name}),
-        field(
-            "channels", &C::channels,
-            {.about = "Rows, spread over ``vfov_deg`` from -vfov/2 to +vfov/2, both ends included; a single row has elevation 0.",
-             .limits = between(1, kMaxRays)}),
+        field("channels", &C::channels,
+              {.about = "Rows, from -vfov/2 to +vfov/2, both included; a single row has elevation 0.",
+               .limits = between(1, kMaxRays)}),
         field("beams", &C::beams,
-              {.about = "Beams of a channel, counter-clockwise from -hfov/2 to +hfov/2, both ends included (at 360 the end is "
-                        "left out). A drone has at most 262144 beams in all channels.",
+              {.about = "Beams of a channel, counter-clockwise from -hfov/2 to +hfov/2, both included (at 360 without the end). "
+                        "At most 262144 in all channels.",
                .limits = between(1, kMaxRays)}),
         field("hfov_deg", &C::hfov_deg, {.about = "Horizontal field of view.", .unit = "deg", .limits = above_up_to(0, 360)}),
         field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0, 180)}),
-        field("max_range_m", &C::max_range_m,
-              {.about = "Maximum range. Anything farther is a miss: inf in metres, 1 when normalised.",
-               .unit = "m",
-               .limits = above(0)}),
+        field(
+            "max_range_m", &C::max_range_m,
+            {.about = "Maximum range. Beyond it is a miss: inf in metres, 1 when normalised.", .unit = "m", .limits = above(0)}),
         field("offset_m", &C::offset_m, kMountOffset), field("quat_wxyz", &C::quat_wxyz, kMountRotation),
         field("azimuth_deg", &C::azimuth_deg,
-              {.about = "Azimuths of a pattern of beams, which replaces the grid; a scan then has the shape (1, number of "
-                        "azimuths). Leave ``channels``, ``hfov_deg`` and ``vfov_deg`` at their defaults; ``beams`` must be its "
-                        "default or the number of azimuths.",
+              {.about = "Azimuths of a pattern, which replaces the grid: a scan has the shape (1, number of azimuths). Leave "
+                        "``channels``, ``hfov_deg`` and ``vfov_deg`` at their defaults, and ``beams`` there or at the number of "
+                        "azimuths.",
                .unit = "deg",
                .limits = within(360)}),
         field("elevation_deg", &C::elevation_deg,

@@ -78,11 +78,9 @@ struct CameraImages {
                .about = "inf if nothing is seen: sky, or beyond far_m"}),
         array("semantic", &C::semantic,
               {.per = Per::pixel, .values = Values::any, .writer = kWriter, .about = "semantic id; 0 if nothing is seen"}),
-        array("instance", &C::instance,
-              {.per = Per::pixel,
-               .values = Values::any,
-               .writer = kWriter,
-               .about = "1 + index of the primitive, then the meshes, then start, waypoints, goal; 0 if nothing is seen"}),
+        array(
+            "instance", &C::instance,
+            {.per = Per::pixel, .values = Values::any, .writer = kWriter, .about = "number of the object; 0 if nothing is seen"}),
         array("normal", &C::normal,
               {.per = Per::pixel,
                .columns = 3,
@@ -91,20 +89,17 @@ struct CameraImages {
                .writer = kWriter,
                .about = "surface normal, towards the camera; 0 if nothing is seen"}),
         array("grey", &C::grey,
-              {.per = Per::pixel,
-               .values = Values::any,
-               .writer = kWriter,
-               .about = "0.299 R + 0.587 G + 0.114 B of rgb (ITU-R BT.601), rounded"}),
+              {.per = Per::pixel, .values = Values::any, .writer = kWriter, .about = "luma of rgb (ITU-R BT.601), rounded"}),
         array("hsv", &C::hsv,
               {.per = Per::pixel,
                .columns = 3,
                .values = Values::any,
                .writer = kWriter,
-               .about = "hue / 2 in degrees, [0, 179], saturation and value in [0, 255], as in OpenCV"}),
+               .about = "hue / 2 in degrees, saturation, value, as in OpenCV"}),
         array("frame_step", &C::frame_step,
               {.values = Values::last_count,
                .writer = kWriter,
-               .about = "number of the reading that the frame shows, 0 at the reset; -1: stale"}));
+               .about = "number of the image's reading, 0 at the reset; -1: stale"}));
   }
 };
 

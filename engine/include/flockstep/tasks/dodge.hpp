@@ -17,11 +17,11 @@ struct DodgeConfig {
   static TaskWords words() {
     return {
         .about =
-            "The worlds hold bodies that move: pillars that slide, forklifts, people. The drone moves in the plane, straight "
-            "to the commanded pose, and should have a planar LiDAR.",
+            "The worlds hold bodies that move: pillars that slide, forklifts, people. The drone moves in the plane, straight to "
+            "the commanded pose, and should have a planar LiDAR.",
         .start =
-            "At a random free place at the height of the world's start marker, at least 1.5 m from the centre of every body. "
-            "The goal is a random free place at the same height, at least ``goal_distance_m`` away.",
+            "At a random free place at the height of the world's start marker, at least 1.5 m from the centre of every body. The "
+            "goal is a random free place at the same height, at least ``goal_distance_m`` away.",
         .action = "Two numbers, clipped to [-1, 1]: the displacement along the body's x and y, in units of ``step_m``.",
         .observed = "Vectors are x and y of the body frame. Ranges are divided by the maximum range and 1 on a miss.",
         .observation =
@@ -30,15 +30,14 @@ struct DodgeConfig {
                 {"1", "distance to the goal, in units of 10 m, at most 1"},
                 {"2", "last action"},
                 {"one for each beam", "LiDAR ranges"},
-                {"one for each beam",
-                 "LiDAR ranges before the last step, which show how things move; at the start equal to the others"},
+                {"one for each beam", "LiDAR ranges before the last step; at the start equal to the others"},
             },
         .reward =
             {
                 {"progress", "``progress_weight`` times the metres gained towards the goal"},
                 {"goal", "``goal_weight`` at the goal"},
                 {"crash", "-``crash_weight`` at a contact"},
-                {"near", "-``near_weight`` times 1 - (nearest range) / ``near_m``, if that is positive"},
+                {"near", "-``near_weight`` max(0, 1 - (nearest range) / ``near_m``)"},
                 {"time", "-``time_weight`` in each step"},
             },
         .end = "An episode ends within ``goal_radius_m`` of the goal, as a success, or at a contact.",

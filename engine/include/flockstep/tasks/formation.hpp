@@ -52,27 +52,25 @@ struct FormationConfig {
             "free.",
         .action = "Three numbers, clipped to [-1, 1]: the displacement along the body's x, y and z, in units of ``step_m``.",
         .observed =
-            "All vectors are in the body frame. The unit of velocities, u, is the longest displacement: sqrt(3) ``step_m`` "
-            "per step. Ranges are divided by the maximum range and 1 on a miss.",
+            "All vectors are in the body frame. The unit of velocities, u, is the longest displacement: sqrt(3) ``step_m`` per "
+            "step. Ranges are divided by the maximum range and 1 on a miss.",
         .observation =
             {
-                {"3", "offset to the drone's place, in units of 2 m, shortened to 1 if it is farther"},
+                {"3", "offset to the drone's place, in units of 2 m, at most 1 long"},
                 {"3", "velocity of the place over the next step, in units of u"},
                 {"3", "last action"},
                 {"3", "velocity of the last step, in units of u"},
                 {"7 for each of ``neighbors``",
-                 "the nearest drones, the nearest first: relative position in units of ``sight_m``, shortened to 1 if it is "
-                 "farther (3), relative velocity in units of 2 u (3), and 1; zeros if there are fewer drones"},
+                 "nearest drones, in order: relative position in units of ``sight_m``, at most 1 long (3), relative velocity in "
+                 "units of 2 u (3), and 1; zeros for missing drones"},
                 {"one for each beam", "LiDAR ranges"},
             },
         .reward =
             {
                 {"place", "``place_weight`` exp(-d); d is the distance of the drone from its place, m"},
                 {"crash", "-``crash_weight`` at a contact, and when d exceeds ``max_distance_m``"},
-                {"near", "-``near_weight`` times 1 - (nearest range) / ``near_m``, if that is positive"},
-                {"change",
-                 "-``change_weight`` times the mean squared difference from the previous action; the action before the first is "
-                 "0"},
+                {"near", "-``near_weight`` max(0, 1 - (nearest range) / ``near_m``)"},
+                {"change", "-``change_weight`` times the mean squared change of the action, at first from 0"},
             },
         .end =
             "An episode is terminated at a contact, or if d exceeds ``max_distance_m``. It is truncated when the leader has "
@@ -103,14 +101,14 @@ struct FormationConfig {
     return field_list(
         field("shape", &C::shape,
               {.about = "Places of the drones. ``\"line\"``: abreast of the leader. ``\"column\"``: one behind the other on its "
-                        "route. "
-                        "``\"v\"``: behind the leader, on two lines at 45 degrees. ``\"circle\"``: around the leader."}),
+                        "route. ``\"v\"``: behind the leader, on two lines at 45 degrees. ``\"circle\"``: around the leader."}),
         field("spacing_m", &C::spacing_m,
               {.about = "Distance between neighbouring places.", .unit = "m", .limits = above_up_to(0, 1000)}),
-        field("route", &C::route,
-              {.about = "``\"loop\"``: a random closed way around the middle of the world. ``\"path\"``: a planned path from the "
-                        "start marker of the world over the waypoints to the goal; where the shape has no room, it narrows to a "
-                        "column."}),
+        field(
+            "route", &C::route,
+            {.about =
+                 "``\"loop\"``: a random closed way around the middle of the world. ``\"path\"``: a planned path from the start "
+                 "marker of the world over the waypoints to the goal; where the shape has no room, it narrows to a column."}),
         field("loop_radius_m", &C::loop_radius_m,
               {.about = "Maximum distance of a loop's corners from the middle; the minimum is 0.6 times that.",
                .unit = "m",

@@ -20,15 +20,14 @@ struct HoverConfig {
             "The point is the world's goal marker, or the centre of its bounds. A world is refused if the drone would touch "
             "something there. Any airframe with rotors and any ``control`` except ``\"pose\"`` can be used.",
         .start =
-            "Within ``start_offset_m`` of the point along each axis, with rotors at hover speed, tilted by up to "
-            "``start_tilt_deg`` about a random horizontal axis, with a random heading, a speed of up to ``start_speed_mps`` "
-            "in a random direction and a rate of up to ``start_rate_dps`` about each body axis, all drawn uniformly. A start "
-            "that would touch something is drawn again; after 64 draws the drone begins at the point, level.",
+            "Within ``start_offset_m`` of the point along each axis, with a random heading and rotors at hover speed. Tilted by "
+            "up to ``start_tilt_deg`` about a random horizontal axis, with a speed of up to ``start_speed_mps`` in a random "
+            "direction and a rate of up to ``start_rate_dps`` about each body axis, all uniform. A start that would touch "
+            "something is drawn again, up to 64 times, then it is at the point, level.",
         .action =
-            "Four numbers, clipped to [-1, 1]. 0 hovers or has no effect, and ±1 is the largest command. Their meaning "
-            "depends on ``control``: the speed or thrust of each rotor; total thrust and body rates; thrust, roll, pitch and "
-            "yaw; acceleration and yaw; velocity and yaw rate; a position within 1 m of the drone and a yaw. "
-            "`DynamicsConfig` holds the limits.",
+            "Four numbers, clipped to [-1, 1], whose meaning ``control`` chooses: each rotor's speed or thrust; total thrust and "
+            "body rates; thrust, roll, pitch and yaw; acceleration and yaw; velocity and yaw rate; a position within 1 m and a "
+            "yaw. 0 hovers or has no effect, and ±1 is the largest command, with the limits of `DynamicsConfig`.",
         .observed =
             "All vectors are in the body frame, and nothing depends on the heading. Offset and directions come from the pose "
             "sensor; velocities and rotor speeds are exact.",
@@ -46,14 +45,12 @@ struct HoverConfig {
                 {"hold", "``hold_weight`` / (1 + (d / (2 ``hold_m``))^2)"},
                 {"speed", "-``speed_weight`` times the speed, m/s"},
                 {"spin", "-``spin_weight`` times the magnitude of the angular velocity, in units of 10 rad/s"},
-                {"change",
-                 "-``change_weight`` times the mean squared difference from the previous action; the action before the first is "
-                 "0"},
+                {"change", "-``change_weight`` times the mean squared change of the action, at first from 0"},
                 {"crash", "-``crash_weight`` if the episode ends as a crash"},
             },
         .end =
-            "A contact, or d > ``max_distance_m``, ends an episode as a crash. An episode without a crash is a success if d "
-            "is at most ``hold_m`` in every step of its last ``hold_s``.",
+            "A contact, or d > ``max_distance_m``, ends an episode as a crash. An episode without a crash is a success if d is "
+            "at most ``hold_m`` in every step of its last ``hold_s``.",
         .view = "third_person",
         .overlay = "target",
     };

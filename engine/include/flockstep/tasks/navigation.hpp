@@ -55,29 +55,22 @@ struct NavigationReward {
   static constexpr auto fields() {
     using C = NavigationReward;
     return field_list(
-        field("distance_weight", &C::distance_weight,
-              {.about = "Weight of the distance term: R at the final goal, R * ``waypoint_share`` / number of waypoints at a "
-                        "waypoint, otherwise the centimetres gained towards the current goal."}),
-        field("crash_weight", &C::crash_weight,
-              {.about = "Weight of the crash term: -R on a collision, otherwise min(l) - M if min(l) < M, otherwise 0."}),
-        field("free_space_weight", &C::free_space_weight,
-              {.about = "Weight of sum(l / M - 1) / (|L| / M - |L|), which is 1 in the open."}),
-        field("step_weight", &C::step_weight,
-              {.about = "Weight of -(step number) / ``step_scale``; the first step has number 0."}),
-        field("action_change_weight", &C::action_change_weight,
-              {.about = "Weight of -1 if the action differs from the last one; the first action counts as a change."}),
+        field("distance_weight", &C::distance_weight, {.about = "Weight of ``distance``."}),
+        field("crash_weight", &C::crash_weight, {.about = "Weight of ``crash``."}),
+        field("free_space_weight", &C::free_space_weight, {.about = "Weight of ``free_space``."}),
+        field("step_weight", &C::step_weight, {.about = "Weight of ``step``."}),
+        field("action_change_weight", &C::action_change_weight, {.about = "Weight of ``action_change``."}),
         field("overshoot_weight", &C::overshoot_weight,
-              {.about = "Weight of -R / 10 when x exceeds the current goal's x + ``goal_radius_m``; if the weight is not 0, the "
-                        "episode ends there."}),
+              {.about = "Weight of ``overshoot``; if it is not 0, passing the goal ends the episode."}),
         field("goal_reward", &C::goal_reward, {.about = "R."}),
         field("waypoint_share", &C::waypoint_share, {.about = "Share of R that is split among the waypoints."}),
         field("goal_radius_m", &C::goal_radius_m,
-              {.about = "Distance within which the goal and the waypoints count as reached.", .unit = "m", .limits = above(0)}),
+              {.about = "Distance within which goal and waypoints are reached.", .unit = "m", .limits = above(0)}),
         field("min_clearance", &C::min_clearance,
               {.about = "M, in units of the LiDAR's maximum range.", .limits = between_excluding(0, 1)}),
         field("step_scale", &C::step_scale, {.about = "Step number at which the step term reaches -1.", .limits = above(0)}),
         field("carry_over_distance", &C::carry_over_distance,
-              {.about = "Keep the last distance when the current goal changes, as the thesis's program did."}));
+              {.about = "Keep the last distance when the current goal changes, as the thesis did."}));
   }
 
   FLOCKSTEP_API void validate() const;
@@ -96,34 +89,33 @@ struct NavigationConfig {
         .start = "At the world's start marker, or anywhere in its spawn box with ``random_start=True``.",
         .action = "``action`` chooses: one of six directions, one of three, or a displacement.",
         .observed =
-            "Ranges are divided by the LiDAR's maximum range and 1 on a miss. With ``\"pixels\"`` the image of the first "
-            "camera, (3, H, W) uint8, is a field of its own, and the ranges are the other.",
+            "Ranges are divided by the LiDAR's maximum range and 1 on a miss. With ``\"pixels\"`` the first camera's image, (3, "
+            "H, W) uint8, and the ranges are two fields.",
         .observation =
             {
                 {"3, \"goal\"",
-                 "unit direction to the current goal in the body frame, by the pose sensor: the next waypoint, or the final goal "
-                 "after the last"},
+                 "unit direction in the body frame, by the pose sensor, to the current goal: the next waypoint, or the final "
+                 "goal"},
                 {"2, \"blob\"",
-                 "``offset`` and ``area`` of the `color_blob` of ``color`` in the first camera's image, both 0 without such a "
-                 "pixel"},
+                 "``offset`` and ``area`` of the `color_blob` of ``color`` in the first camera's image, 0 without such a pixel"},
                 {"one for each beam", "LiDAR ranges"},
             },
         .reward =
             {
                 {"distance",
-                 "R at the final goal; R * ``waypoint_share`` / number of waypoints at a waypoint; otherwise the centimetres "
-                 "gained towards the current goal"},
+                 "R at the final goal; R * ``waypoint_share`` / number of waypoints at a waypoint; otherwise centimetres gained "
+                 "towards the current goal"},
                 {"crash", "-R on a collision; otherwise min(l) - M if min(l) < M; otherwise 0"},
                 {"free_space", "sum(l / M - 1) / (|L| / M - |L|), which is 1 in the open"},
                 {"step", "-(step number) / ``step_scale``; the first step has number 0"},
-                {"action_change", "-1 if the action differs from the previous one; the first action counts as a change"},
+                {"action_change", "-1 if the action changes, as the first one does"},
                 {"overshoot", "-R / 10 when x exceeds the current goal's x + ``goal_radius_m``"},
             },
         .end =
             "An episode ends as a success at the final goal, at a collision, and, if ``overshoot_weight`` is not 0, when the "
-            "drone has passed the goal. ``reward`` holds the weights, R = ``goal_reward`` and M = ``min_clearance``; l are "
-            "the ranges, |L| is their number. ``batch.task_state`` holds ``goal_index``, the number of waypoints reached, "
-            "and ``last_distance``, m.",
+            "drone has passed the goal. ``reward`` holds the weights, R = ``goal_reward`` and M = ``min_clearance``; l are the "
+            "ranges, |L| is their number. ``batch.task_state`` holds ``goal_index``, the number of waypoints reached, and "
+            "``last_distance``, m.",
     };
   }
 
@@ -140,18 +132,15 @@ struct NavigationConfig {
     using C = NavigationConfig;
     return field_list(
         field("action", &C::action,
-              {.about =
-                   "``\"discrete\"``: 0 to 5 for +x, -x, +y, -y, +z, -z by ``step_m`` in the body frame. ``\"displacement\"``: "
-                   "(3,), clipped to [-1, 1], times ``step_m``, body frame. ``\"displacement_yaw\"``: (4,), the same and a turn "
-                   "of up to ``yaw_step_deg``, counter-clockwise positive. ``\"discrete_forward\"``: 0 to 2 for +x, +y, -y by "
-                   "``step_m``."}),
+              {.about = "``\"discrete\"``: 0 to 5 for +x, -x, +y, -y, +z, -z by ``step_m`` in the body frame. "
+                        "``\"displacement\"``: (3,), clipped to [-1, 1], times ``step_m``, body frame. ``\"displacement_yaw\"``: "
+                        "(4,), the same and a turn of up to ``yaw_step_deg``, counter-clockwise positive. "
+                        "``\"discrete_forward\"``: 0 to 2 for +x, +y, -y by ``step_m``."}),
         field("observation", &C::observation,
               {.about = "Values before the LiDAR ranges, which are divided by the maximum range and 1 on a miss. ``\"goal\"``: "
-                        "the unit direction "
-                        "(3,) to the current goal in the body frame, as measured by the pose sensor. ``\"blob\"``: ``offset`` "
-                        "and ``area`` "
-                        "of the `color_blob` of ``color`` in the first camera's image. ``\"pixels\"``: nothing; the image of the "
-                        "first camera, whose layout is ``\"chw\"``, is a separate field."}),
+                        "unit direction (3,) to the current goal, body frame, by the pose sensor. ``\"blob\"``: ``offset`` and "
+                        "``area`` of the `color_blob` of ``color`` in the first camera's image. ``\"pixels\"``: none; the first "
+                        "camera's image, of layout ``\"chw\"``, is a separate field."}),
         field("goal_norm", &C::goal_norm,
               {.about = "Norm that is 1 in the direction to the goal. ``\"maximum\"``: its largest component is +-1, as in the "
                         "thesis's program."}),
@@ -162,8 +151,7 @@ struct NavigationConfig {
         field("random_start", &C::random_start,
               {.about = "Start anywhere in the world's spawn box instead of at its start marker."}),
         field("color", &C::color,
-              {.about = "Colour that ``observation=\"blob\"`` looks for; by default the green of the goal. Not allowed with "
-                        "another observation."}));
+              {.about = "Colour of ``observation=\"blob\"``, and of no other one; by default the goal's green."}));
   }
 
   // Returns the thesis's task with this observation. Camera tasks use `discrete_forward` and end when x passes the goal.

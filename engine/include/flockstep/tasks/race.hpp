@@ -26,22 +26,20 @@ struct RaceConfig {
     return {
         .about =
             "The gates are `World.gates` in their order, and ``control`` is ``\"body_rates\"``. A gate is passed where the "
-            "drone's path through the ticks of a step crosses the gate's plane forwards within the opening. It is missed "
-            "where the path crosses the plane outside the opening but within ``miss_m`` of the centre. The cap v on the "
-            "rewarded speed is a curriculum of each env: after an episode it rises by ``cap_rise_mps`` if at least "
-            "``cap_success`` of the env's last ``cap_episodes`` episodes were clean. An episode is clean if it succeeds, or "
-            "reaches its time limit after at least half a lap. ``batch.task_state`` holds ``target``, ``passed`` and "
-            "``speed_cap``.",
+            "drone's path through the ticks of a step crosses the gate's plane forwards within the opening. It is missed where "
+            "the path crosses the plane outside the opening but within ``miss_m`` of the centre. The cap v on the rewarded speed "
+            "is a curriculum of each env: after an episode it rises by ``cap_rise_mps`` if at least ``cap_success`` of the env's "
+            "last ``cap_episodes`` episodes were clean. An episode is clean if it succeeds, or reaches its time limit after at "
+            "least half a lap. ``batch.task_state`` holds ``target``, ``passed`` and ``speed_cap``.",
         .start =
-            "Behind a random gate, at rest (``start=\"gate\"``), or half of the drones there and the others anywhere in the "
-            "first nine tenths of the way to the next gate, with a velocity of up to ``start_speed_mps`` along each axis "
-            "(``\"between\"``). Offset, yaw, roll and pitch are drawn up to ``start_offset_m``, ``start_yaw_deg`` and "
-            "``start_tilt_deg``, at least 0.3 m behind the gate's plane. A start that would touch something is drawn again. "
-            "The next gate is the first to pass.",
+            "Behind a random gate, at rest (``start=\"gate\"``). With ``\"between\"`` half of the drones start there, the others "
+            "anywhere in the first nine tenths of the path to the next gate, at up to ``start_speed_mps`` along each axis. "
+            "Offset, yaw, roll and pitch are drawn up to ``start_offset_m``, ``start_yaw_deg`` and ``start_tilt_deg``, at least "
+            "0.3 m behind the gate's plane, again if the start would touch something. The next gate is the first to pass.",
         .action =
-            "Four numbers, clipped to [-1, 1]: thrust, from the least that the rotors give to ``max_thrust_to_weight`` times "
-            "the weight, and body rates about x, y and z, up to the ``max_rate_dps`` and ``max_yaw_rate_dps`` of "
-            "`DynamicsConfig`. 0 hovers.",
+            "Four numbers, clipped to [-1, 1]: thrust, from the least that the rotors give to ``max_thrust_to_weight`` times the "
+            "weight, and body rates about x, y and z, up to the ``max_rate_dps`` and ``max_yaw_rate_dps`` of `DynamicsConfig`. 0 "
+            "hovers.",
         .observed = "All vectors are in the body frame; k is ``observation_scale``.",
         .observation =
             {
@@ -59,14 +57,12 @@ struct RaceConfig {
                  "of a step"},
                 {"gate", "``gate_weight`` for each gate passed"},
                 {"rates", "-``rates_weight`` times the magnitude of the angular velocity, rad/s"},
-                {"change",
-                 "-``change_weight`` times the mean squared difference from the previous action; the action before the first is "
-                 "0"},
+                {"change", "-``change_weight`` times the mean squared change of the action, at first from 0"},
                 {"crash", "-``crash_weight`` on a crash"},
             },
         .end =
-            "A contact, a missed gate, or a distance above ``max_distance_m`` from the next gate ends an episode as a crash. "
-            "It ends as a success after the last gate of the last of ``laps`` laps.",
+            "A contact, a missed gate, or a distance above ``max_distance_m`` from the next gate ends an episode as a crash. It "
+            "ends as a success after the last gate of the last of ``laps`` laps.",
         .view = "third_person",
         .overlay = "gate",
     };

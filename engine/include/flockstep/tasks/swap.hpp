@@ -17,13 +17,13 @@ struct SwapConfig {
   static TaskWords words() {
     return {
         .about =
-            "Each drone has a row, so all drones fly by one policy. 2 to 32 drones fit into the default world. The goal of "
-            "drone m of M is the place of drone (m + M // 2) % M; one drone alone flies to the opposite place. The drones "
-            "move in the plane.",
+            "Each drone has a row, so all drones fly by one policy. 2 to 32 drones fit into the default world. The goal of drone "
+            "m of M is the place of drone (m + M // 2) % M; one drone alone flies to the opposite place. The drones move in the "
+            "plane.",
         .start =
             "On a circle around the middle of the world's bounds, at the height of its start marker, facing the goals. The "
-            "radius is ``radius_m``, or larger if neighbouring places would be nearer than ``spacing_m`` along the circle. "
-            "Each episode turns the circle at random and moves each start by up to ``jitter_m`` along x and y.",
+            "radius is ``radius_m``, or larger if neighbouring places would be nearer than ``spacing_m`` along the circle. Each "
+            "episode turns the circle at random and moves each start by up to ``jitter_m`` along x and y.",
         .action = "Two numbers, clipped to [-1, 1]: the displacement along the body's x and y, in units of ``step_m``.",
         .observed =
             "All vectors are x and y of the body frame. The unit of velocities, u, is the longest displacement: sqrt(2) "
@@ -35,23 +35,21 @@ struct SwapConfig {
                 {"2", "last action"},
                 {"2", "velocity of the last step, in units of u"},
                 {"5 for each of ``neighbors``",
-                 "the nearest drones, the nearest first: relative position in units of ``sight_m``, shortened to 1 if it is "
-                 "farther (2), relative velocity in units of 2 u (2), and 1; zeros if there are fewer drones"},
+                 "nearest drones, in order: relative position in units of ``sight_m``, at most 1 long (2), relative velocity in "
+                 "units of 2 u (2), and 1; zeros for missing drones"},
             },
         .reward =
             {
                 {"progress", "``progress_weight`` times the metres gained towards the goal"},
                 {"goal", "``goal_weight`` for each drone when all are at their goals"},
                 {"crash", "-``crash_weight`` at a contact"},
-                {"near",
-                 "-``near_weight`` times 1 - (distance to the nearest drone, between the centres) / ``near_m``, if that is "
-                 "positive"},
+                {"near", "-``near_weight`` max(0, 1 - (distance to the nearest drone's centre) / ``near_m``)"},
                 {"time", "-``time_weight`` in each step after which the drone is not at its goal"},
             },
         .end =
-            "The episode ends as a success for all drones when all are within ``goal_radius_m`` of their goals at once. It "
-            "ends when a drone touches another drone or the world: for this drone by a contact, for the others because of a "
-            "teammate. With ``episodes=\"last\"`` the others fly on, and succeed when all of them are at their goals.",
+            "The episode ends as a success for all drones when all are within ``goal_radius_m`` of their goals at once. It ends "
+            "when a drone touches another drone or the world: for this drone by a contact, for the others because of a teammate. "
+            "With ``episodes=\"last\"`` the others fly on, and succeed when all of them are at their goals.",
         .overlay = "goals",
     };
   }

@@ -32,22 +32,20 @@ struct TrackConfig {
   static TaskWords words() {
     return {
         .about =
-            "The path is a figure-8 or random, around the world's goal marker, or around the centre of its bounds. A world "
-            "is refused if a figure-8 touches something or leaves the room, or if random paths of ``size_m`` reach beyond "
-            "the room. Any airframe with rotors and any ``control`` except ``\"pose\"`` can be used. "
-            "``batch.task_state[\"phase\"]`` (N, 9) holds the drawn phases: three waves along x, then y, then z, in turns; a "
-            "figure-8 uses only the first.",
+            "The path is a figure-8 or random, around the world's goal marker, or around the centre of its bounds. It must stay "
+            "in the room, and a figure-8 must touch nothing, or the world raises an error. Use any airframe with rotors and any "
+            "``control`` except ``\"pose\"``. ``batch.task_state[\"phase\"]`` (N, 9) holds the drawn phases: three waves along "
+            "x, then y, then z, in turns; a figure-8 uses only the first.",
         .start =
-            "At a random point of the path, offset by up to ``start_offset_m`` along each axis, level, with the path's "
-            "velocity and yaw, and with rotors at hover speed.",
+            "At a random point of the path, offset by up to ``start_offset_m`` along each axis, level, with the path's velocity "
+            "and yaw, and with rotors at hover speed.",
         .action =
-            "Four numbers, clipped to [-1, 1]. 0 hovers or has no effect, and ±1 is the largest command. Their meaning "
-            "depends on ``control``: the speed or thrust of each rotor; total thrust and body rates; thrust, roll, pitch and "
-            "yaw; acceleration and yaw; velocity and yaw rate; a position within 1 m of the drone and a yaw. "
-            "`DynamicsConfig` holds the limits.",
+            "Four numbers, clipped to [-1, 1], whose meaning ``control`` chooses: each rotor's speed or thrust; total thrust and "
+            "body rates; thrust, roll, pitch and yaw; acceleration and yaw; velocity and yaw rate; a position within 1 m and a "
+            "yaw. 0 hovers or has no effect, and ±1 is the largest command, with the limits of `DynamicsConfig`.",
         .observed =
-            "All vectors are in the body frame. Offsets and directions come from the pose sensor; velocities and rotor "
-            "speeds are exact.",
+            "All vectors are in the body frame. Offsets and directions come from the pose sensor; velocities and rotor speeds "
+            "are exact.",
         .observation =
             {
                 {"3 for each of ``points``",
@@ -64,14 +62,12 @@ struct TrackConfig {
                 {"close", "``close_weight`` / (1 + (d / ``close_m``)^2)"},
                 {"yaw", "-``yaw_weight`` times the yaw error, rad"},
                 {"spin", "-``spin_weight`` times the magnitude of the angular velocity, in units of 10 rad/s"},
-                {"change",
-                 "-``change_weight`` times the mean squared difference from the previous action; the action before the first is "
-                 "0"},
+                {"change", "-``change_weight`` times the mean squared change of the action, at first from 0"},
                 {"crash", "-``crash_weight`` if the episode ends as a crash"},
             },
         .end =
-            "A contact, or d > ``max_distance_m``, ends an episode as a crash. An episode without a crash is a success if "
-            "the root mean square of d over all its steps is at most ``close_m``.",
+            "A contact, or d > ``max_distance_m``, ends an episode as a crash. An episode without a crash is a success if the "
+            "root mean square of d over all its steps is at most ``close_m``.",
         .view = "third_person",
         .overlay = "target",
     };
