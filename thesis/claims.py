@@ -82,10 +82,9 @@ def claimed(task: str, **kind: bool) -> Figures:
     rates = [dict(flown(reactive(task, *each), chosen, setup))["success"].mean() for each in REACTIVE]
     best = REACTIVE[int(np.argmax(rates))]
     worlds = setup.generated(UNSEEN_SEEDS, WORLDS, **kind)
-    flyers = {"straight": reactive(task), "reactive": reactive(task, *best)}
-    if task in flockstep.policies.names():
-        flyers = {"policy": greedy(flockstep.policies.load(task)), **flyers}  # type: ignore[arg-type]
-    results = {flyer: flown(policy, worlds, setup) for flyer, policy in flyers.items()}
+    policy = greedy(flockstep.policies.load(task))  # type: ignore[arg-type]
+    flyers = {"policy": policy, "straight": reactive(task), "reactive": reactive(task, *best)}
+    results = {flyer: flown(act, worlds, setup) for flyer, act in flyers.items()}
     for flyer, ends in {**results, "planner": planned(worlds, setup)}.items():
         for what, each in ends:
             shares = np.mean(np.reshape(each, (BLOCKS, -1)), axis=1)
