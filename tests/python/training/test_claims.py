@@ -38,7 +38,7 @@ def test_flyers_that_have_learned_nothing_are_compared(task, monkeypatch):
     success = {name.removesuffix("/success"): value for name, (value, _) in found.items() if name.endswith("/success")}
     assert list(success) == ["policy", "straight", "reactive", "planner"]
     assert success["planner"] == 1
-    assert success["straight"] < success["reactive"] < success["policy"]
+    assert success["straight"] < min(success["reactive"], success["policy"])
     assert found["reactive/success"][1]["settings"] == [1.8, 2.0, 45.0]
     for name, (value, about) in found.items():
         assert about["least"] <= value <= about["greatest"], name
