@@ -35,7 +35,7 @@ JOBS = {
     "profile": "claims:profile",
 }
 #: Jobs that only draw, by name: the function that draws.
-DRAWN = {"pictures": "pictures:draw"}
+DRAWN = {"pictures": "pictures:draw", "paths": "experiments:draw_paths"}
 
 
 def measured(name: str, row: str, measure: Callable[[], Iterable[Measured | Figure]], fresh: bool) -> dict[str, Any]:

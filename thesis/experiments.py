@@ -7,7 +7,7 @@ every update, on the thesis's scale.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -30,6 +30,7 @@ from training.plot_paths import plot_overview
 POLICIES = Path(__file__).resolve().parents[1] / "out" / "thesis" / "policies"
 IMAGES = POLICIES.parents[2] / "docs" / "images"
 SEEDS = range(5)
+LIDAR_WORLDS, CAMERA_WORLDS = ("train", "validation"), ("camera-train", "camera-validation")
 MAX_STEPS = 1000  # of a flight; a successful one takes about a hundred
 OTHERS_STEPS = 3_686_400  # of the other algorithms, a tenth of the thesis's steps
 SAMPLED = 50  # flights through each playground with sampled actions, as in training
@@ -112,12 +113,16 @@ def sampled(name: str, experiment: Preset, training: str, validation: str) -> Fi
         yield kind, sum(each.outcome == "success" for each in flown) / len(flown), "1", len(flown)
 
 
-def draw_paths(experiment: Preset, name: str, worlds: Sequence[str]) -> None:
-    """Draw the flights of a kept policy: figures 6.3 and 6.4, or 6.8 and 6.9."""
-    model = flockstep.PPO.load(POLICIES / f"{name}.zip")
-    flown = [flight for each in worlds for flight in flights(model, experiment, each)]
-    scenes = [scene for each in worlds for scene in flockstep.scenes.load(each)]
-    plot_overview(scenes, flown, IMAGES / f"thesis-{name.split('_')[0]}-paths.png")
+def draw_paths() -> None:
+    """Draw the paths of the LiDAR policy of seed 0, and of the bundled camera policy: figures 6.3, 6.4, 6.8 and 6.9."""
+    lidar_policy = flockstep.PPO.load(POLICIES / "lidar_unit_0.zip")
+    for name, model, experiment, worlds in (
+        ("lidar", lidar_policy, flockstep.thesis.lidar(), LIDAR_WORLDS),
+        ("camera", flockstep.policies.load("camera"), flockstep.thesis.camera(64), CAMERA_WORLDS),
+    ):
+        flown = [flight for each in worlds for flight in flights(model, experiment, each)]
+        scenes = [scene for each in worlds for scene in flockstep.scenes.load(each)]
+        plot_overview(scenes, flown, IMAGES / f"thesis-{name}-paths.png")
 
 
 def lidar() -> Mapping[str, Callable[[], Figures]]:
@@ -127,7 +132,7 @@ def lidar() -> Mapping[str, Callable[[], Figures]]:
     again = {f"sampled_{seed}": partial(sampled, f"lidar_unit_{seed}", flockstep.thesis.lidar()) for seed in SEEDS}
     others = {name.lower(): partial(trained_by, name, flockstep.thesis.lidar()) for name in ("A2C", "DQN")}
     rows = {**unit, **again, "largest_0": largest, **others}
-    return {row: partial(each, "train", "validation") for row, each in rows.items()}
+    return {row: partial(each, *LIDAR_WORLDS) for row, each in rows.items()}
 
 
 def camera() -> Mapping[str, Callable[[], Figures]]:
@@ -140,4 +145,4 @@ def camera() -> Mapping[str, Callable[[], Figures]]:
     settings = Preset(replace(row, learns=lambda: {**row.learns(), "camera": images}))
     ours = partial(trained, settings, "camera_ours_640_0", 0, flown=flockstep.thesis.camera())
     rows = {**small, **again, "ours_640_0": ours, "640_0": large}
-    return {row: partial(each, "camera-train", "camera-validation") for row, each in rows.items()}
+    return {row: partial(each, *CAMERA_WORLDS) for row, each in rows.items()}
