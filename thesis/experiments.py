@@ -113,6 +113,11 @@ def sampled(name: str, experiment: Preset, training: str, validation: str) -> Fi
         yield kind, sum(each.outcome == "success" for each in flown) / len(flown), "1", len(flown)
 
 
+def bundled(experiment: Preset, training: str, validation: str) -> Figures:
+    """Fly the bundled camera policy."""
+    yield from judged(flockstep.policies.load("camera"), experiment, training, validation)
+
+
 def draw_paths() -> None:
     """Draw the paths of the LiDAR policy of seed 0, and of the bundled camera policy: figures 6.3, 6.4, 6.8 and 6.9."""
     lidar_policy = flockstep.PPO.load(POLICIES / "lidar_unit_0.zip")
@@ -144,5 +149,6 @@ def camera() -> Mapping[str, Callable[[], Figures]]:
     images = CameraConfig(width_px=640, height_px=480)
     settings = Preset(replace(row, learns=lambda: {**row.learns(), "camera": images}))
     ours = partial(trained, settings, "camera_ours_640_0", 0, flown=flockstep.thesis.camera())
-    rows = {**small, **again, "ours_640_0": ours, "640_0": large}
+    seen_larger = partial(bundled, flockstep.thesis.camera())
+    rows = {**small, **again, "bundled": seen_larger, "ours_640_0": ours, "640_0": large}
     return {row: partial(each, *CAMERA_WORLDS) for row, each in rows.items()}
