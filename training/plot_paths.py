@@ -91,7 +91,7 @@ def plot_overview(
     figure, grid = plt.subplots(rows, columns, figsize=(4 * columns, 4 * rows), layout="constrained", squeeze=False)
     for axes, world, flight in zip(grid.flat, worlds, flights, strict=False):
         draw_path(axes, world, "top", flight, markers)
-        axes.set_title(f"{world.name}: {flight.outcome}, reward {flight.reward:,.1f}")
+        axes.set_title(f"{world.name}\n{flight.outcome}, reward {flight.reward:,.1f}")
         axes.label_outer()
     left = grid.flat[len(worlds) :]
     for axes in left:
