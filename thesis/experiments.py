@@ -91,8 +91,9 @@ def learned(model: Any, experiment: Preset, steps: int, training: str, validatio
     if positive:
         yield "first_positive", positive[0], "", 1
     yield "steps_per_second", steps / seconds, "1/s", 1
-    thinned = curve.points[:: max(len(curve.points) // 150, 1)]
-    yield {"name": "reward", "value": curve.points[-1][1], "unit": "", "runs": 1, "curve": thinned}
+    if curve.points:
+        thinned = curve.points[:: max(len(curve.points) // 150, 1)]
+        yield {"name": "reward", "value": curve.points[-1][1], "unit": "", "runs": 1, "curve": thinned}
 
 
 def judged(model: Any, experiment: Preset, training: str, validation: str) -> Figures:

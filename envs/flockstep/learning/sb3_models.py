@@ -119,7 +119,7 @@ def from_sb3(cls: Any, model: Any, env: Any) -> Any:
     )
     made.observation_space, made.action_space = model.observation_space, model.action_space
     made._make_learner(
-        "MultiInputPolicy" if features == "CombinedExtractor" else "MlpPolicy",
+        "MultiInputPolicy" if isinstance(model.observation_space, spaces.Dict) else "MlpPolicy",
         {
             "net_arch": policy.net_arch,
             "activation_fn": policy.activation_fn,
