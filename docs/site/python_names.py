@@ -32,11 +32,13 @@ PUBLIC = (
     "flockstep",
     "flockstep.bridges",
     "flockstep.client",
+    "flockstep.policies",
     "flockstep.rllib",
     "flockstep.rotations",
     "flockstep.sb3",
     "flockstep.scenes",
     "flockstep.testing",
+    "flockstep.thesis",
 )
 
 

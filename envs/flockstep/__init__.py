@@ -6,9 +6,9 @@
 `World`, `Batch`, `LidarConfig` and similar classes are the native simulator. `DroneVectorEnv` wraps it as a Gymnasium
 environment, and `Task` is the base class for your own tasks. `flockstep.sb3` connects to Stable-Baselines3,
 `flockstep.rllib` to Ray RLlib, ``parallel_env`` to PettingZoo, and `flockstep.testing` checks any Gymnasium vector
-environment. `PPO` trains a policy, with the settings of `presets` if you like, and `policies` has trained ones.
-`evaluate` and `success_rates` test a policy, `record` films a flight. `render` takes a picture of a world. `connect`
-connects to a server.
+environment. `PPO` trains a policy, with the settings of `presets` if you like, and `flockstep.policies` has trained
+ones. `evaluate` and `success_rates` test a policy, `record` films a flight. `render` takes a picture of a world.
+`connect` connects to a server.
 """
 
 # ruff: noqa: E402 # the check for required packages comes before the imports that need them
@@ -156,26 +156,23 @@ registration.register()
 register_task = registration.register_task
 
 if _TYPE_CHECKING:
-    from flockstep import client, rllib, sb3, testing
+    from flockstep import client, rllib, sb3, testing, thesis
     from flockstep.client import connect, connect_async
     from flockstep.multi_agent import parallel_env
-    from flockstep.trainings import thesis
     from flockstep.trainings.presets import presets
 else:
 
     def __getattr__(name: str) -> object:
         # Imported on first use: client, parallel_env, rllib and sb3 need optional packages; only tests need testing,
-        # and only trainings need presets.
+        # and only trainings need presets and thesis.
         import importlib
 
-        if name in ("client", "rllib", "sb3", "testing"):
+        if name in ("client", "rllib", "sb3", "testing", "thesis"):
             return importlib.import_module(f"flockstep.{name}")
         if name in ("connect", "connect_async"):
             return getattr(importlib.import_module("flockstep.client"), name)
         if name == "parallel_env":
             return importlib.import_module("flockstep.multi_agent").parallel_env
-        if name == "thesis":
-            return importlib.import_module("flockstep.trainings.thesis")
         if name == "presets":
             return importlib.import_module("flockstep.trainings.presets").presets
         from flockstep.errors import did_you_mean

@@ -91,8 +91,12 @@ WHERE = {
     "operation": ("server/", "envs/flockstep/client/"),
     "field": ("bindings/", "envs/"),
 }
-#: Files that use a name as programs of users do: rows of trainings give values to fields and sensors.
-USERS = {"field": "/trainings/", "sensor": "/trainings/", "task": "/trainings/thesis.py"}
+#: Files that use a name as programs of users do: rows of trainings give values to fields, presets to all.
+USERS = {
+    "field": r"/trainings/|flockstep/thesis\.py",
+    "sensor": r"flockstep/thesis\.py",
+    "task": r"flockstep/thesis\.py",
+}
 
 
 def places(kind: str) -> dict[str, set[str]]:
@@ -100,7 +104,9 @@ def places(kind: str) -> dict[str, set[str]]:
     found = {}
     for name, patterns in REGISTRIES[kind]().items():
         files = {file for pattern in patterns for file in words().get(pattern, ())}
-        found[name] = {file for file in files if file.startswith(WHERE[kind]) and USERS.get(kind, ":") not in file}
+        found[name] = {
+            file for file in files if file.startswith(WHERE[kind]) and not re.search(USERS.get(kind, "^$"), file)
+        }
     return found
 
 
