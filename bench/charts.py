@@ -113,6 +113,8 @@ def draw(results: dict[str, Any], folder: Path, is_check: bool) -> None:
                 axes.minorticks_off()
             elif y_label == "ms":
                 axes.set_yscale("log")
+            else:
+                axes.xaxis.get_major_locator().set_params(nbins=5)
             for axis in (axes.xaxis, axes.yaxis):
                 axis.set_major_formatter("{x:,.10g}")
             axes.grid(alpha=0.3)
