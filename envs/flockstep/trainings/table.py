@@ -53,6 +53,17 @@ def _lidar() -> Keywords:
     }
 
 
+def _navigation(features: str) -> Keywords:
+    return {
+        "n_steps": 64,
+        "batch_size": 1024,
+        "n_epochs": 3,
+        "learning_rate": 1.5e-3,
+        "gamma": 0.98,
+        "policy_kwargs": {"activation_fn": "relu", "features_extractor_class": features},
+    }
+
+
 def level_playground(seed: int) -> World:
     """Return a generated playground for the camera task: without waypoints, start and goal at the same height."""
     scene = generated("playground", seed).to_dict()
@@ -215,14 +226,7 @@ TRAININGS: dict[str, Training] = {
         env="flockstep/LidarNavigation-v0",
         steps=1_500_000,
         num_envs=512,
-        settings={
-            "n_steps": 64,
-            "batch_size": 1024,
-            "n_epochs": 3,
-            "learning_rate": 1.5e-3,
-            "gamma": 0.98,
-            "policy_kwargs": {"activation_fn": "relu", "features_extractor_class": "GoalFeatures"},
-        },
+        settings=_navigation("GoalFeatures"),
         entropy=0.03,
         learns=_lidar,
         judged=lambda flights, seed: {
@@ -235,14 +239,7 @@ TRAININGS: dict[str, Training] = {
         env="flockstep/CameraNavigation-v0",
         steps=2_000_000,
         num_envs=512,
-        settings={
-            "n_steps": 64,
-            "batch_size": 1024,
-            "n_epochs": 3,
-            "learning_rate": 1.5e-3,
-            "gamma": 0.98,
-            "policy_kwargs": {"activation_fn": "relu", "features_extractor_class": "BlobFeatures"},
-        },
+        settings=_navigation("BlobFeatures"),
         entropy=0.03,
         learns=_camera,
         judged=_camera_judged,
