@@ -53,7 +53,9 @@ def measured(name: str, row: str, measure: Callable[[], Iterable[Measured | Figu
     if run.commit() != at["commit"]:
         sys.exit(f"{name}: the checkout changed while {row} ran; nothing written")
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(table.lines_of({**at, "figures": figures}))
+    whole = path.with_suffix(".part")  # renamed when whole, so that an interrupted run leaves no half a row
+    whole.write_text(table.lines_of({**at, "figures": figures}))
+    whole.replace(path)
     return {**at, "figures": figures}
 
 
