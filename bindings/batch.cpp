@@ -178,6 +178,9 @@ std::vector<std::uint8_t> env_mask(const Batch& batch, const py::object& envs) {
 
 // Getters for the arrays' properties.
 Viewed<State> state_arrays(const py::object& self, const char*) { return {self.cast<const Batch&>().state(), memory_of(self)}; }
+Viewed<ParameterState> parameter_arrays(const py::object& self, const char*) {
+  return {self.cast<const Batch&>().state().parameters, memory_of(self)};
+}
 Viewed<OwnEpisodes> own_arrays(const py::object& self, const char*) {
   return {self.cast<const Batch&>().state().own, memory_of(self)};
 }
@@ -211,6 +214,7 @@ void register_batch(py::module_& module) {
   BatchClass cls(module, "Batch", "N drone slots over W worlds, stepped together.");
   suggest_attributes(cls);
   add_arrays<State, &state_arrays>(cls);
+  add_arrays<ParameterState, &parameter_arrays>(cls);
   add_arrays<OwnEpisodes, &own_arrays>(cls);
   add_arrays<FlightState, &flight_arrays>(cls);
   add_arrays<PoseReadings, &poses_arrays>(cls);
@@ -306,6 +310,14 @@ void register_batch(py::module_& module) {
           },
           py::arg("velocity") = none, py::arg("angular_velocity") = none, py::arg("rotor_speed") = none, py::arg("mask") = none,
           py::kw_only(), py::arg("rows") = none)
+      .def(
+          "set_params",
+          [](Batch& batch, const py::object& params, const py::object& mask) {
+            const auto p = row_floats(params, "params", num_drones(batch), py::ssize_t{kNumParameters});
+            const auto m = flags(mask, "mask", num_drones(batch));
+            in_turn(batch, [&] { batch.set_params(p, m); });
+          },
+          py::arg("params"), py::arg("mask") = none)
       .def(
           "fly",
           [](const py::object& self, const py::object& command, const py::object& ticks, const py::object& mask,

@@ -431,7 +431,17 @@ void register_config(py::module_& module) {
       module, "WindConfig",
       "The wind for ``motion=\"rotors\"``: a mean, and separate gusts for each drone, constant during a flown "
       "step.");
+  register_fields<ControllerConfig>(
+      module, "ControllerConfig",
+      "Gains, limits and lag of the flight controller, a cascade: position to velocity, velocity to acceleration,\n"
+      "attitude to body rates, body rates to torques. `flockstep.controllers` has presets.");
   register_fields<DynamicsConfig>(module, "DynamicsConfig");
+  register_fields<DroneParameters>(
+      module, "DroneParameters",
+      "What may differ from drone to drone: differences from the airframe, and what acts on the drone. The controller and\n"
+      "the meaning of actions keep the airframe's own numbers. `Variation` draws them.");
+  register_fields<Variation>(module, "Variation", "How a parameter of the drones is drawn. `flockstep.vary` makes a list of these.");
+  module.attr("parameter_names") = py::tuple(py::cast(parameter_names()));
   register_fields<ServerConfig>(module, "ServerConfig", "How a server listens, and what clients may do.");
   register_fields<NetworkConfig>(module, "NetworkConfig", "Actor and critic: two networks on the same inputs.");
   register_fields<RolloutConfig>(module, "RolloutConfig", "The steps that are collected for one update.");

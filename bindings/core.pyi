@@ -41,6 +41,8 @@ scene_suffixes: tuple[str, ...]
 """Suffixes of the files that `World.load` reads, such as ``".json"``."""
 batch_keywords: dict[str, str]
 """Fields of a `Recipe` by the keywords that set them, such as ``"lidar"`` for ``"lidars"``."""
+parameter_names: tuple[str, ...]
+"""Columns of `Batch.params`: the numbers of `DroneParameters` in order, such as ``"mass_scale"`` or ``"stretch[2]"``."""
 engine_tasks: dict[str, Any]
 """Configurations of the engine's tasks, by their names in recipes."""
 generated_scenes: tuple[str, ...]
@@ -1659,6 +1661,14 @@ class Batch:
         is for all drones. A drone may turn by at most half a turn per tick: angular velocities above pi times
         `physics_hz` raise `ValueError`. After `set_pose` {batch.hpp: a drone is at rest}. With ``rows`` (K,), the
         indices of drones, the arrays have K rows, for these drones.
+        """
+
+    def set_params(self, params: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
+        """Set what differs from drone to drone: rows (N, P) like `params`, whose columns are `parameter_names`.
+
+        They last until the next draw. One row is for all drones. Only parameters in ``variations`` may be other than
+        their defaults; otherwise, and for a drone that cannot be integrated, `ValueError` names the parameter, and
+        nothing changes.
         """
 
     def fly(

@@ -32,8 +32,10 @@ from flockstep._core import (
     ColorComponents,
     ColorRange,
     Contact,
+    ControllerConfig,
     DodgeConfig,
     DroneModel,
+    DroneParameters,
     DynamicsConfig,
     EpisodeConfig,
     EpisodeEnd,
@@ -54,6 +56,7 @@ from flockstep._core import (
     ServerConfig,
     SwapConfig,
     TrackConfig,
+    Variation,
     WindConfig,
     World,
     WorldBuilder,
@@ -62,6 +65,7 @@ from flockstep._core import (
     color_components,
     formation_places,
     green_blob,
+    parameter_names,
 )
 from flockstep.airframe import estimate_airframe
 from flockstep.drone_mesh import DroneMesh
@@ -75,6 +79,7 @@ from flockstep.recording import record
 from flockstep.relight import relight
 from flockstep.serving import serve
 from flockstep.task import Task
+from flockstep.variations import controllers, describe, vary
 from flockstep.vector_env import DroneVectorEnv
 from flockstep.world_pool import WorldPool
 
@@ -91,10 +96,12 @@ __all__ = [
     "ColorComponents",
     "ColorRange",
     "Contact",
+    "ControllerConfig",
     "DodgeConfig",
     "DroneEnv",
     "DroneMesh",
     "DroneModel",
+    "DroneParameters",
     "DroneVectorEnv",
     "DynamicsConfig",
     "EpisodeConfig",
@@ -118,6 +125,7 @@ __all__ = [
     "SwapConfig",
     "Task",
     "TrackConfig",
+    "Variation",
     "WindConfig",
     "World",
     "WorldBuilder",
@@ -129,12 +137,15 @@ __all__ = [
     "color_components",
     "connect",
     "connect_async",
+    "controllers",
+    "describe",
     "estimate_airframe",
     "evaluate",
     "formation_places",
     "green_blob",
     "include_dir",
     "parallel_env",
+    "parameter_names",
     "plan",
     "policies",
     "presets",
@@ -150,6 +161,8 @@ __all__ = [
     "success_rates",
     "testing",
     "thesis",
+    "variations",
+    "vary",
 ]
 
 registration.register()

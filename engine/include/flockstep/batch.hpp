@@ -142,6 +142,9 @@ class FLOCKSTEP_API Batch {
   // The same for some drones: their indices (K,), and K rows of each array.
   void set_velocity(std::span<const std::int64_t> drones, std::span<const float> velocity,
                     std::span<const float> angular_velocity, std::span<const float> rotor_speed);
+  // Sets what differs from drone to drone: rows (N, kNumParameters) like state().parameters.params. They last
+  // until the next draw, and only parameters in config().variations may be other than their defaults.
+  void set_params(std::span<const float> params, DroneMask mask = {});
   // Flies a command (N, 4) for a number of ticks in [0, 1000000]; 0 means one step. control: the meaning of this command, by
   // default config().dynamics.control; not Control::pose. Rotor motion only; use move() for kinematic motion.
   void fly(std::span<const float> command, int ticks = 0, DroneMask mask = {}, std::optional<Control> control = {});

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "flockstep/body.hpp"
@@ -17,6 +18,7 @@
 #include "flockstep/sensors/imu.hpp"
 #include "flockstep/sensors/lidar.hpp"
 #include "flockstep/sensors/pose_sensor.hpp"
+#include "flockstep/variation.hpp"
 
 namespace flockstep {
 
@@ -46,9 +48,12 @@ struct BatchConfig {
   EpisodeConfig episode;
   ClockConfig clock;
   DynamicsConfig dynamics;
+  std::vector<Variation> variations;
+  std::vector<std::string> frames;
 
   static constexpr int kMaxDrones = 1 << 20;       // total over all envs
-  static constexpr std::size_t kMaxLights = 4096;  // length of `lights`
+  static constexpr std::size_t kMaxLights = 4096;   // length of `lights`
+  static constexpr std::size_t kMaxFrames = 65536;  // length of `frames`
 
   static constexpr auto fields() {
     using C = BatchConfig;
@@ -100,7 +105,13 @@ struct BatchConfig {
               {.about = "At most 4096 lights, of which each episode of an env draws one. Empty: the lights of the worlds."}),
         field("episode", &C::episode, {.about = "Begin and end of episodes."}),
         field("clock", &C::clock, {.about = "Rates of policy, controller and physics."}),
-        field("dynamics", &C::dynamics, {.about = "Motion model of the drones."}));
+        field("dynamics", &C::dynamics, {.about = "Motion model of the drones."}),
+        field("variations", &C::variations,
+              {.about = "What differs from drone to drone, and how it is drawn; needs ``motion=\"rotors\"``. `flockstep.vary` "
+                        "makes the list."}),
+        field("frames", &C::frames,
+              {.about = "Drones whose airframes an episode draws from, instead of that of ``drone``: names, files, or "
+                        "``\"random/seed-7\"``. Hull and sensors stay those of ``drone``."}));
   }
 
   int num_drones() const { return num_envs * drones_per_env; }  // N

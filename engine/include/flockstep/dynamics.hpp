@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "flockstep/airframe.hpp"
+#include "flockstep/controller.hpp"
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/wind.hpp"
@@ -64,6 +65,7 @@ struct DynamicsConfig {
   bool gyroscopic = true;
   bool ground_effect = false;
   bool downwash = false;
+  ControllerConfig controller;
   WindConfig wind;
   float max_speed_mps = 5.0F;
   float max_acceleration_mps2 = 8.0F;
@@ -96,6 +98,8 @@ struct DynamicsConfig {
         field("ground_effect", &C::ground_effect, {.about = "More thrust near surfaces below."}),
         field("downwash", &C::downwash,
               {.about = "Less thrust in the wash of other drones of the env; independent of ``interaction``."}),
+        field("controller", &C::controller,
+              {.about = "Gains, limits and lag of the flight controller; by default they follow from the rotors' lag."}),
         field("wind", &C::wind, {.about = "Wind; none by default."}),
         field("max_speed_mps", &C::max_speed_mps, {.about = "Speed limit of the controller.", .unit = "m/s", .limits = above(0)}),
         field("max_acceleration_mps2", &C::max_acceleration_mps2,

@@ -11,6 +11,7 @@
 #include "flockstep/fields.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/pose.hpp"
+#include "flockstep/variation.hpp"
 
 namespace flockstep {
 
@@ -178,6 +179,25 @@ struct FlightState {
   }
 };
 
+// What differs from drone to drone. Both arrays are empty without BatchConfig::variations.
+struct ParameterState {
+  std::vector<float> params;
+  std::vector<float> battery;
+
+  static constexpr auto fields() {
+    using C = ParameterState;
+    constexpr const char* kWriter = "resets, the step, set_params()";
+    return field_list(
+        array("params", &C::params,
+              {.columns = static_cast<int>(kNumParameters),
+               .writer = kWriter,
+               .about = "fields of `DroneParameters`, in the order of `parameter_names`. Empty without `variations`"}),
+        array("battery", &C::battery,
+              {.values = Values::fraction, .writer = "the step, resets", .about = "share of the charge that is used. Empty "
+                                                                                  "without `variations`"}));
+  }
+};
+
 // Drones whose episodes end without those of their teammates: Episodes::each and Episodes::last with several drones in an env.
 // Otherwise both arrays are empty. Only batch/episodes.cpp writes them.
 struct OwnEpisodes {
@@ -207,6 +227,7 @@ struct State {
   ContactState contact;  // contacts of the last motion
   FlightState flight;    // velocities, rotor speeds and wind; empty with kinematic motion
   BodyState bodies;      // empty if the batch has none
+  ParameterState parameters;  // empty unless drones differ
   OwnEpisodes own;       // empty unless drones end their episodes separately
   FlagArray active;
   // Envs.
@@ -224,7 +245,7 @@ struct State {
               {.columns = 3, .unit = "m", .frame = Frame::world, .writer = kWriter, .about = "position"}),
         array("quat_wxyz", &C::quat_wxyz,
               {.columns = 4, .unit = "1", .frame = Frame::world, .writer = kWriter, .about = "orientation, body to world"}),
-        field("contact", &C::contact), field("flight", &C::flight), field("bodies", &C::bodies), field("own", &C::own),
+        field("contact", &C::contact), field("flight", &C::flight), field("bodies", &C::bodies), field("parameters", &C::parameters), field("own", &C::own),
         array("active", &C::active,
               {.values = Values::flag,
                .writer = "spawn() and remove(); the step with episodes=\"last\"",

@@ -243,6 +243,21 @@ void Batch::set_velocity(std::span<const std::int64_t> drones, std::span<const f
   }
 }
 
+void Batch::set_params(std::span<const float> params, DroneMask mask) {
+  const CallGuard guard(*lock_);
+  checks::not_stepping(*sim_, "set_params");
+  require(sim_->fleet && sim_->fleet->has_parameters(), "set_params", "a batch with variations", "one without");
+  checks::mask(*sim_, mask);
+  checks::size(params.size(), kNumParameters * sim_->num_drones(), "params");
+  const auto row_of = [&](DroneIndex drone) { return params.subspan(kNumParameters * drone, kNumParameters); };
+  for_each_selected(*sim_, mask, [&](DroneIndex drone) { sim_->fleet->check_parameters(row_of(drone)); });
+  sim_->fleet->part();
+  for_each_selected(*sim_, mask, [&](DroneIndex drone) {
+    std::ranges::copy(row_of(drone), sim_->state.parameters.params.data() + kNumParameters * drone);
+    sim_->fleet->apply_parameters(sim_->state, drone);
+  });
+}
+
 void Batch::fly(std::span<const float> command, int ticks, DroneMask mask, std::optional<Control> control) {
   const LongCallGuard guard(*lock_);
   checks::not_stepping(*sim_, "fly");

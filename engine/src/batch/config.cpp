@@ -46,6 +46,8 @@ void ClockConfig::validate() const {
   require(divides(policy, controller, 1000.5), "controller_hz", "a multiple of policy_hz (" + hz(policy) + ")", hz(controller));
 }
 
+void ControllerConfig::validate() const { check_fields(*this, "controller."); }
+
 void WindConfig::validate() const {
   check_fields(*this, "wind.");
   const WindConfig unset;
@@ -112,6 +114,9 @@ void BatchConfig::validate() const {
   require(drone_mesh == nullptr || senses(interaction), "drone_mesh", "None unless interaction is \"sense\" or \"both\"",
           "a world");
   if (drone_mesh != nullptr) require_mesh(*drone_mesh, "drone_mesh");
+  require(!dynamics.is_kinematic() || (variations.empty() && frames.empty()), variations.empty() ? "frames" : "variations",
+          "none for kinematic motion (it has no flight model: give motion=\"rotors\")", "some");
+  require(frames.size() <= kMaxFrames, "frames", "at most 65536", frames.size());
   require(lights.size() <= kMaxLights, "lights", "at most 4096", lights.size());
   for_each_field(*this, [&](const auto& entry, const auto& value) { check_sensors(entry.name, value, *this); });
   for (const LidarConfig& lidar : lidars) {

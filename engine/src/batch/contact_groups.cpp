@@ -115,7 +115,7 @@ class EnvGroup {
     dynamics::GroupMember& each = work_.members[member];
     const Pose pose = pose_of(sim_.state, d);
     each.number = static_cast<std::uint32_t>(member);
-    each.airframe = sim_.fleet ? &sim_.fleet->airframe_of(d) : nullptr;
+    each.airframe = sim_.fleet ? &sim_.fleet->true_airframe_of(d) : nullptr;
     each.motion = dynamics::standing(pose, sim_.config.clock.dt_s());
     each.is_open = each.has_contact = false;
     each.is_fixed = true;

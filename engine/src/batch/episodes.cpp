@@ -319,6 +319,7 @@ void forget_readings(Simulation& sim, EnvIndex env) {
 }
 
 void forget_readings(Simulation& sim, DroneIndex drone) {
+  if (sim.fleet) sim.fleet->begin_parameters(sim.state, drone);
   for (const auto& sensor : sim.suite) sensor->begin(drone, sim.state);
   sim.cameras.mark_stale(drone);
 }

@@ -144,9 +144,10 @@ void fly_by_rotors(Simulation& sim, const Block& block, std::span<const DroneInd
 void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> envs, DroneMask mask,
                const dynamics::Commands& commands, int ticks, Scratch& scratch) {
   const int step = sim.config.clock.substeps();
-  const bool follows_steps = sim.fleet->wind.has_gusts() || sim.fleet->physics.downwash;
+  dynamics::Fleet& fleet = *sim.fleet;
+  const bool follows_steps = fleet.wind.has_gusts() || fleet.physics.downwash || fleet.has_parameters();
   // Envs may be at different ticks of their step, and each follows its own clock: envs at the same tick fly together.
-  const int phases = follows_steps || sim.fleet->physics.control_ticks > 1 ? step : 1;
+  const int phases = follows_steps || fleet.physics.control_ticks > 1 ? step : 1;
   for (int phase = 0; phase < phases; ++phase) {
     scratch.envs.clear();
     std::ranges::copy_if(envs, std::back_inserter(scratch.envs),
@@ -156,8 +157,14 @@ void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> en
       const int tick = (phase + flown) % step;  // index in the step
       const auto drones = selected_drones(sim, scratch.envs, Part::active, mask, scratch);
       if (follows_steps || sim.drones_touch()) leg = std::min(ticks - flown, step - tick);
-      if (tick == 0) sim.fleet->update_wind(sim.state, drones, flown);
-      if (tick == 0 || flown == 0) scratch.flight.downwash.update(*sim.fleet, sim.state, drones);
+      scratch.flight.ticks_ahead = flown;
+      if (flown == 0) fleet.send_commands(sim.state, drones, commands.command);
+      if (tick == 0) {
+        fleet.redraw_parameters(sim.state, drones, flown);
+        fleet.update_wind(sim.state, drones, flown);
+        fleet.drain_batteries(sim.state, drones);
+      }
+      if (tick == 0 || flown == 0) scratch.flight.downwash.update(fleet, sim.state, drones);
       if (sim.bodies) {
         leg = 1;
         for (const EnvIndex env : scratch.envs) sim.bodies->advance(env, sim.state.tick[env] + flown + 1);
@@ -168,6 +175,7 @@ void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> en
         if (!mask.selects(drone)) give_way(sim, drone, scratch);  // the others hold still
       }
     }
+    scratch.flight.ticks_ahead = 0;
   }
   for (const EnvIndex env : envs) sim.state.tick[env] += ticks;
 }

@@ -207,7 +207,10 @@ std::shared_ptr<Simulation> resized(Simulation& sim, BatchConfig config) {
   for (std::size_t i = 0; i < next->num_drones(); ++i) {
     const DroneIndex drone(i);
     const EnvIndex env = next->env_of(drone);
-    if (env < sim.num_envs()) place_at_start(*next, drone);
+    if (env < sim.num_envs()) {
+      if (next->fleet) next->fleet->begin_parameters(state, drone);
+      place_at_start(*next, drone);
+    }
     state.active[drone] = 0;
   }
   if (sim.bodies) next->bodies->copy(*sim.bodies);
@@ -216,6 +219,8 @@ std::shared_ptr<Simulation> resized(Simulation& sim, BatchConfig config) {
   copy(sim.state, state, Rows::drone);
   copy(sim.state.contact, state.contact, Rows::drone);
   copy(sim.state.flight, state.flight, Rows::drone);
+  copy(sim.state.parameters, state.parameters, Rows::drone);
+  if (next->fleet) next->fleet->restored(state);
   for (auto from = sim.suite.begin(), to = next->suite.begin(); from != sim.suite.end(); ++from, ++to) {
     copy_sensor(**from, **to, copy);
   }

@@ -108,8 +108,16 @@ std::optional<dynamics::Fleet> fleet_of(const BatchConfig& config, const DroneMo
   if (config.dynamics.is_kinematic()) return std::nullopt;
   require(drone.airframe().has_value(), "drone",
           "one with an airframe, to fly by its rotors (such as a bundled one: DroneModel.names())", "only a hull");
-  return dynamics::Fleet(*drone.airframe(), config.dynamics, config.clock, static_cast<std::size_t>(config.drones_per_env),
-                         static_cast<std::size_t>(config.num_drones()));
+  std::vector<Airframe> airframes;
+  for (const std::string& frame : config.frames) {
+    const DroneModel model = DroneModel::load(frame);
+    require(model.airframe().has_value(), "frames", "drones with an airframe", '"' + frame + "\", which has only a hull");
+    airframes.push_back(*model.airframe());
+  }
+  if (airframes.empty()) airframes.push_back(*drone.airframe());
+  return dynamics::Fleet(airframes, std::vector<std::int32_t>(static_cast<std::size_t>(config.num_drones())), config.dynamics,
+                         config.clock, static_cast<std::size_t>(config.drones_per_env),
+                         dynamics::Variations(config.variations, airframes.size(), config.clock));
 }
 
 template <class Enum>
@@ -237,6 +245,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   std::ranges::fill(state.contact.body, -1);
   std::ranges::fill(state.contact.drone, -1);
   if (fleet) allocate(state.flight, sizes);
+  if (fleet && fleet->has_parameters()) allocate(state.parameters, sizes);
   if (fleet) lost.resize(num_drones());
   if (drones_touch()) unplaced.resize(num_drones());
   if (fleet && drones_touch()) deviation.resize(num_drones());
@@ -246,6 +255,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   for (std::size_t env = 0; env < num_envs(); ++env) {
     if (!pool) state.world_index[env] = world_index.empty() ? static_cast<std::int32_t>(env % worlds.size()) : world_index[env];
   }
+  for (std::size_t i = 0; fleet && i < num_drones(); ++i) fleet->begin_parameters(state, DroneIndex(i));
   for (std::size_t i = 0; i < num_drones(); ++i) place_at_start(*this, DroneIndex(i));
   for (std::size_t env = 0; env < num_envs(); ++env) draw_light(*this, EnvIndex(env));
   suite.pose().assume_truth(state);

@@ -109,6 +109,7 @@ std::uint64_t config_hash(Simulation& sim) {
 void visit_own(Simulation& sim, ArrayVisitor& visitor) {
   visitor.fields(sim.state);
   if (sim.fleet && sim.fleet->airframes.size() > 1) visitor.array("airframe_index", sim.fleet->airframe_index);
+  if (sim.fleet && !sim.fleet->commands.empty()) sim.fleet->commands.visit(visitor);
   if (sim.pool) visitor.array("world_content", sim.pool->contents);
   if (sim.bodies) sim.bodies->visit(visitor);
   sim.lights.visit(visitor);
@@ -296,6 +297,7 @@ void put(Simulation& sim, std::string_view body) {
   Reader reader(body);
   visit(sim, reader);
   reader.apply();
+  if (sim.fleet) sim.fleet->restored(sim.state);
   if (sim.bodies) sim.bodies->restored();
   sim.lights.restored([&](const Light& light) { checks::drawable(sim.config, light); });
   for_each_sensor(sim, [](sensors::Sensor& sensor) { sensor.restored(); });
@@ -309,6 +311,7 @@ void check_values_of(Simulation& sim) {
   check_arrays(sim.state);
   check_arrays(sim.state.contact);
   check_arrays(sim.state.flight);
+  dynamics::check_parameters(sim.state.parameters.params, "snapshot: params: ");
   check_arrays(sim.state.bodies);
   checks::poses(sim.state.bodies.position, sim.state.bodies.quat_wxyz, sim.state.bodies.active.size());
   if (sim.fleet) {
@@ -317,6 +320,7 @@ void check_values_of(Simulation& sim) {
       require(row >= 0 && static_cast<std::size_t>(row) < rows, "snapshot: airframe_index", "rows of the table of airframes",
               row);
     }
+    require(sim.fleet->commands.is_valid(), "snapshot: ring_count", "numbers >= 0", "another");
   }
   for_each_sensor(sim, [](const sensors::Sensor& sensor) { sensor.check(); });
   if (!sim.task_state) return;

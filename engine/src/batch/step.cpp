@@ -126,7 +126,10 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
     }
   });
   if (sim.fleet) {
+    sim.fleet->redraw_parameters(sim.state, drones, 0);
     sim.fleet->update_wind(sim.state, drones, 0);
+    sim.fleet->drain_batteries(sim.state, drones);
+    sim.fleet->send_commands(sim.state, drones, sim.task_state->setpoints.command);
     scratch.flight.downwash.update(*sim.fleet, sim.state, drones);
   }
   const int leg = sim.fleet && !sim.suite.reads_between_ticks() && !sim.bodies ? ticks : 1;  // kinematic drones move by ticks

@@ -55,6 +55,10 @@ class Context final : public TaskContext {
 
   const DynamicsConfig& dynamics() const override { return sim_.config.dynamics; }
   const ClockConfig& clock() const override { return sim_.config.clock; }
+  std::span<const Airframe> airframes() const override {
+    return sim_.fleet ? std::span<const Airframe>(sim_.fleet->airframes) : std::span<const Airframe>();
+  }
+  std::size_t airframe_row(DroneIndex drone) const override { return sim_.fleet ? sim_.fleet->airframe_row(drone) : 0; }
 
   void place(DroneIndex drone, const Pose& pose, const Velocity& velocity) override {
     if (is_valid(pose) && is_speed(velocity.linear) && is_speed(velocity.angular)) {

@@ -72,7 +72,7 @@ void Downwash::update_env(Fleet& fleet, const State& state, std::size_t env) {
     member.numbers = &fleet.wash[row];
     member.center = pose.position + rotation * member.numbers->center;
     member.up = rotation.col(2);
-    const auto& [c0, c1, c2] = fleet.numbers[row].thrust;
+    const auto& [c0, c1, c2] = fleet.numbers[row].known_thrust;
     float thrust = 0.0F;
     for (std::size_t rotor = 0; rotor < kRotors; ++rotor) {
       const float speed = state.flight.rotor_speed[kRotors * drone + rotor];

@@ -21,9 +21,14 @@ GustNoise gust_noise(const Fleet& fleet, const State& state, DroneIndex drone, s
   return {a, b, c, d, e};
 }
 
-void set_gust(const Wind& wind, State& state, DroneIndex drone, const GustState& gust) {
+constexpr float kNever = 1e6F;  // s, default of DroneParameters::dead_from_s
+constexpr std::size_t kBatteryLife = offsetof(DroneParameters, battery_life_s) / sizeof(float);
+constexpr std::size_t kWind = offsetof(DroneParameters, wind_mps) / sizeof(float);
+
+void set_gust(const Fleet& fleet, State& state, DroneIndex drone, const GustState& gust) {
   std::copy(gust.begin(), gust.end(), state.flight.gust.data() + kGustStates * drone);
-  const Vec3 velocity = wind.at(gust);
+  Vec3 velocity = fleet.wind.at(gust);
+  if (fleet.has_parameters()) velocity += Vec3::Map(state.parameters.params.data() + kNumParameters * drone + kWind);
   std::copy_n(velocity.data(), 3, state.flight.wind.data() + 3 * drone);
 }
 
@@ -40,11 +45,40 @@ void require_integrable(const Airframe& frame, const std::string& name, const Dy
   }
 }
 
-std::vector<Airframe> checked(std::span<const Airframe> airframes, const DynamicsConfig& config, const ClockConfig& clock) {
+// The drone of these variations that is hardest to integrate, and the one that is hardest to lift.
+Airframe stiffest(const Airframe& frame, const Variations& variations) {
+  const DroneParameters least = variations.least(), greatest = variations.greatest();
+  DroneParameters p;
+  p.mass_scale = least.mass_scale;
+  p.stretch = least.stretch;
+  p.arm_scale = greatest.arm_scale;
+  p.lag_up_scale = least.lag_up_scale;
+  p.lag_down_scale = least.lag_down_scale;
+  p.body_drag_scale = greatest.body_drag_scale;
+  p.rotor_drag_scale = greatest.rotor_drag_scale;
+  return varied(frame, p);
+}
+Airframe weakest(const Airframe& frame, const Variations& variations) {
+  const DroneParameters least = variations.least(), greatest = variations.greatest();
+  DroneParameters p;
+  p.mass_scale = greatest.mass_scale;
+  p.payload_kg = greatest.payload_kg;
+  float thrust = 0.0F;
+  for (const float scale : least.rotor_thrust_scale) thrust += 0.25F * scale;
+  p.thrust_scale = std::max(least.thrust_scale * thrust, 1e-3F);
+  return varied(frame, p);
+}
+
+std::vector<Airframe> checked(std::span<const Airframe> airframes, const DynamicsConfig& config, const ClockConfig& clock,
+                              const Variations& variations) {
   require(!airframes.empty(), "airframes", "at least one", "none");
   for (std::size_t row = 0; row < airframes.size(); ++row) {
     const std::string name = airframes.size() == 1 ? "drone" : "airframes (row " + std::to_string(row) + ")";
-    require_integrable(airframes[row], name, config, clock);
+    require_integrable(stiffest(airframes[row], variations), name, config, clock);
+    if (variations.empty()) continue;
+    const double lift = weakest(airframes[row], variations).thrust_to_weight();
+    require(lift > 1.0, "variations of mass and thrust", "every drone to lift its weight (a thrust above 1 weight) with " + name,
+            lift);
   }
   return {airframes.begin(), airframes.end()};
 }
@@ -68,13 +102,24 @@ std::vector<AirframeNumbers<float>> numbers_of(std::span<const Airframe> airfram
   return numbers;
 }
 
-Physics physics_of(std::span<const Airframe> airframes, const DynamicsConfig& config, const ClockConfig& clock, std::size_t m) {
+Physics physics_of(std::span<const Airframe> airframes, const DynamicsConfig& config, const ClockConfig& clock, std::size_t m,
+                   const Variations& variations) {
   Physics physics(airframes[0], config, clock.dt_s(), clock.control_ticks());
   for (const Airframe& frame : airframes.subspan(1)) {
     physics.include(Physics(frame, config, clock.dt_s(), clock.control_ticks()));
   }
+  for (const Airframe& frame : airframes) {
+    physics.is_rk4 &= Physics::flies_by_rk4(stiffest(frame, variations), config, clock.dt_s());
+  }
   physics.downwash &= m > 1;  // there is no other drone
   return physics;
+}
+
+// Commands of a drone that may be under way at once.
+std::size_t commands_under_way(const Variations& variations, const ClockConfig& clock) {
+  const DroneParameters most = variations.greatest();
+  const double time = static_cast<double>(most.action_delay_s + most.action_jitter_s);
+  return static_cast<std::size_t>(std::ceil(time / clock.dt_s()));
 }
 
 }  // namespace
@@ -84,14 +129,15 @@ Fleet::Fleet(const Airframe& frame, const DynamicsConfig& config_in, const Clock
     : Fleet(std::span(&frame, 1), std::vector<std::int32_t>(num_drones), config_in, clock_in, m) {}
 
 Fleet::Fleet(std::span<const Airframe> frames, std::span<const std::int32_t> index, const DynamicsConfig& config_in,
-             const ClockConfig& clock_in, std::size_t m)
+             const ClockConfig& clock_in, std::size_t m, const Variations& variations_in)
     : config(config_in),
       clock(clock_in),
       drones_per_env(m),
-      airframes(checked(frames, config, clock)),
+      airframes(checked(frames, config, clock, variations_in)),
       numbers(numbers_of(airframes, config, clock)),
       airframe_index(checked(index, airframes.size())),
-      physics(physics_of(airframes, config, clock, m)),
+      variations(variations_in),
+      physics(physics_of(airframes, config, clock, m, variations)),
       wash(airframes.begin(), airframes.end()),
       wind(config.wind, clock.step_s()) {
   const std::size_t num_drones = index.size();
@@ -99,20 +145,186 @@ Fleet::Fleet(std::span<const Airframe> frames, std::span<const std::int32_t> ind
   open.radius.resize(num_drones, -1.0F);
   open.world.resize(num_drones);
   if (physics.downwash) thrust_share.resize(kRotors * num_drones, 1.0F);
+  const DroneParameters least = variations.least(), greatest = variations.greatest();
+  turn_on(least, greatest);
+  if (greatest.action_delay_s > 0.0F || greatest.action_jitter_s > 0.0F || greatest.action_loss > 0.0F) {
+    require(!config.is_kinematic() && config.control != Control::pose, "variations: action_delay_s",
+            "a control other than \"pose\", whose commands can be late", "\"pose\"");
+    commands = CommandRing(num_drones, commands_under_way(variations, clock));
+  }
+  if (airframes.size() > 1 || !variations.empty()) true_airframes.resize(num_drones, airframes[0]);
+  if (airframes.size() > 1 || variations.differ()) lane_numbers.resize((num_drones + kLanes - 1) / kLanes);
+  for (std::size_t drone = 0; drone < num_drones; ++drone) renew(DroneIndex(drone), {});
+  if (!variations.empty() && lane_numbers.empty()) {  // all drones differ from the airframe in the same way
+    physics.numbers = dynamics::numbers_of(airframes[0], numbers[0], least, config, clock.dt_s(),
+                                           clock.dt_s() * clock.control_ticks());
+    std::array<const AirframeNumbers<float>*, kLanes> same;
+    same.fill(&physics.numbers);
+    set_lanes(same, physics.lanes);
+  }
+}
+
+void Fleet::turn_on(const DroneParameters& least, const DroneParameters& greatest) {
+  const auto is_any = [](const auto& values) { return std::ranges::any_of(values, [](float v) { return v != 0.0F; }); };
+  physics.pushed |= is_any(least.push_mps2) || is_any(greatest.push_mps2) || is_any(least.twist_radps2) ||
+                    is_any(greatest.twist_radps2);
+  physics.drains |= greatest.battery_fall > 0.0F || greatest.battery_sag > 0.0F || least.dead_from_s < kNever;
 }
 
 void Fleet::set_airframe(DroneIndex drone, std::int32_t row) {
   check_row(row, airframes.size());
-  if (!airframe_index.empty()) airframe_index[drone] = row;
+  if (airframe_index.empty()) return;
+  airframe_index[drone] = row;
+  renew(drone, {});
+}
+
+void Fleet::renew(DroneIndex drone, const DroneParameters& parameters) {
+  if (true_airframes.empty()) return;
+  const Airframe& frame = airframe_of(drone);
+  true_airframes[drone] = variations.empty() ? frame : varied(frame, parameters);
+  if (lane_numbers.empty()) return;
+  const AirframeNumbers<float>& known = numbers[airframe_row(drone)];
+  const double dt = clock.dt_s();
+  set_lane(variations.empty() ? known
+                              : dynamics::numbers_of(frame, known, parameters, config, dt, dt * clock.control_ticks()),
+           drone % kLanes, lane_numbers[drone / kLanes]);
+}
+
+DroneParameters Fleet::parameters_of(const State& state, DroneIndex drone) {
+  DroneParameters parameters;
+  std::ranges::copy(std::span(state.parameters.params).subspan(kNumParameters * drone, kNumParameters),
+                    floats_of(parameters).begin());
+  return parameters;
+}
+
+void Fleet::begin_parameters(State& state, DroneIndex drone) {
+  if (!has_parameters()) return;
+  DroneParameters parameters;
+  variations.begin(state, RandomKey::of(drone, drones_per_env), parameters);
+  std::ranges::copy(floats_of(parameters), state.parameters.params.data() + kNumParameters * drone);
+  state.parameters.battery[drone] = parameters.battery_used;
+  if (!commands.empty()) commands.clear(drone);
+  apply_parameters(state, drone);
+}
+
+void Fleet::check_parameters(std::span<const float> numbers_given) const {
+  dynamics::check_parameters(numbers_given, "params: ");
+  DroneParameters p;
+  std::ranges::copy(numbers_given, floats_of(p).begin());
+  const DroneParameters defaults, most = variations.greatest();
+  for (std::size_t i = 0; i < kNumParameters; ++i) {
+    if (numbers_given[i] == floats_of(defaults)[i] || variations.lists(i)) continue;
+    refuse("params: " + parameter_names()[i], "its default (no variation lists it)", numbers_given[i]);
+  }
+  const float slowest = most.action_delay_s + most.action_jitter_s;
+  require(p.action_delay_s + p.action_jitter_s <= slowest, "params: action_delay_s",
+          "at most the greatest delay and jitter of the variations (" + std::to_string(slowest) + " s)",
+          p.action_delay_s + p.action_jitter_s);
+  require(p.frame < static_cast<float>(airframes.size()), "params: frame",
+          "below the number of frames (" + std::to_string(airframes.size()) + ")", p.frame);
+  const Airframe made = varied(airframes[static_cast<std::size_t>(p.frame)], p);
+  require_integrable(made, "params", config, clock);
+  require(!physics.is_rk4 || can_rk4(made, config, clock.dt_s()), "params: lag_up_scale, lag_down_scale",
+          "a lag of at least half a tick", std::min(p.lag_up_scale, p.lag_down_scale));
+}
+
+void Fleet::part() {
+  if (!lane_numbers.empty()) return;
+  lane_numbers.resize((true_airframes.size() + kLanes - 1) / kLanes);
+  for (std::size_t drone = 0; drone < true_airframes.size(); ++drone) {
+    set_lane(physics.numbers, drone % kLanes, lane_numbers[drone / kLanes]);
+  }
+}
+
+void Fleet::apply_parameters(State& state, DroneIndex drone) {
+  const DroneParameters parameters = parameters_of(state, drone);
+  turn_on(parameters, parameters);
+  if (!airframe_index.empty()) airframe_index[drone] = static_cast<std::int32_t>(parameters.frame);
+  renew(drone, parameters);
+  GustState gust;
+  std::copy_n(state.flight.gust.data() + kGustStates * drone, kGustStates, gust.data());
+  set_gust(*this, state, drone, gust);
+}
+
+void Fleet::redraw_parameters(State& state, std::span<const DroneIndex> drones, int ticks_ahead) {
+  if (!variations.has_interval()) return;
+  for (const DroneIndex drone : drones) {
+    DroneParameters parameters = parameters_of(state, drone);
+    const std::int64_t tick = state.tick[env_of(drone)] + ticks_ahead;
+    if (!variations.redraw(state, RandomKey::of(drone, drones_per_env), tick, parameters)) continue;
+    std::ranges::copy(floats_of(parameters), state.parameters.params.data() + kNumParameters * drone);
+    apply_parameters(state, drone);
+  }
+}
+
+// A rotor's power grows with the cube of its speed.
+void Fleet::drain_batteries(State& state, std::span<const DroneIndex> drones) const {
+  if (!physics.drains) return;
+  for (const DroneIndex drone : drones) {
+    const float* const speed = state.flight.rotor_speed.data() + kRotors * drone;
+    const auto hover = static_cast<float>(airframe_of(drone).hover_speed());
+    float power = 0.0F;  // in units of hovering
+    for (std::size_t i = 0; i < kRotors; ++i) power += 0.25F * (speed[i] / hover) * (speed[i] / hover) * (speed[i] / hover);
+    const float life = state.parameters.params[kNumParameters * drone + kBatteryLife];
+    float& used = state.parameters.battery[drone];
+    used = std::min(used + power * static_cast<float>(clock.step_s()) / life, 1.0F);
+  }
+}
+
+std::array<float, kRotors> Fleet::speed_share(const State& state, DroneIndex drone, std::int64_t tick) const {
+  const DroneParameters parameters = parameters_of(state, drone);
+  const float* const speed = state.flight.rotor_speed.data() + kRotors * drone;
+  const auto fastest = static_cast<float>(airframe_of(drone).max_speed_radps);
+  float load = 0.0F;  // share of full power
+  for (std::size_t i = 0; i < kRotors; ++i) load += 0.25F * (speed[i] / fastest) * (speed[i] / fastest) * (speed[i] / fastest);
+  const float left = 1.0F - parameters.battery_fall * state.parameters.battery[drone] - parameters.battery_sag * load;
+  std::array<float, kRotors> shares;
+  shares.fill(std::max(left, 0.0F));
+  const double dead_from = std::round(static_cast<double>(parameters.dead_from_s) / clock.step_s()) * clock.substeps();
+  if (static_cast<double>(tick) >= dead_from) shares[static_cast<std::size_t>(parameters.dead_rotor)] = 0.0F;
+  return shares;
+}
+
+void Fleet::send_commands(const State& state, std::span<const DroneIndex> drones, std::span<const float> command) {
+  if (commands.empty()) return;
+  constexpr Stream kStream = stream_named("latency");
+  for (const DroneIndex drone : drones) {
+    const DroneParameters parameters = parameters_of(state, drone);
+    const std::int64_t now = state.tick[env_of(drone)];
+    const float* const numbers_sent = command.data() + 4 * drone;
+    if (commands.has_none(drone)) {
+      commands.add(drone, numbers_sent, now);
+      continue;
+    }
+    const auto bits = draw(state, RandomKey::of(drone, drones_per_env), kStream, static_cast<std::uint32_t>(now));
+    if (uniform01(bits[0]) < parameters.action_loss) continue;
+    const double late = static_cast<double>(parameters.action_delay_s + uniform01(bits[1]) * parameters.action_jitter_s);
+    commands.add(drone, numbers_sent, now + std::llround(late / clock.dt_s()));
+  }
+}
+
+void Fleet::restored(State& state) {
+  for (std::size_t drone = 0; drone < true_airframes.size(); ++drone) {
+    const DroneIndex d(drone);
+    if (!has_parameters()) {
+      renew(d, {});
+      continue;
+    }
+    const DroneParameters parameters = parameters_of(state, d);
+    turn_on(parameters, parameters);
+    renew(d, parameters);
+  }
 }
 
 Physics Fleet::physics_for(Control control) const {
+  require(commands.empty(), "control", "that of the batch, because commands may be late", "another");
   DynamicsConfig changed = config;
   changed.control = control;
   Physics other = physics;
   other.stage = stage_of(control);
-  other.is_rk4 =
-      std::ranges::all_of(airframes, [&](const Airframe& frame) { return Physics::flies_by_rk4(frame, changed, clock.dt_s()); });
+  other.is_rk4 = std::ranges::all_of(airframes, [&](const Airframe& frame) {
+    return Physics::flies_by_rk4(stiffest(frame, variations), changed, clock.dt_s());
+  });
   return other;
 }
 
@@ -125,14 +337,14 @@ void Fleet::start(State& state, DroneIndex drone, const Velocity& velocity) cons
     flight.angular_velocity[i] = velocity.angular[static_cast<Eigen::Index>(k)];
     flight.acceleration[i] = flight.angular_acceleration[i] = flight.error_integral[i] = flight.remainder[i] = 0.0F;
   }
-  const auto hover_speed = static_cast<float>(airframe_of(drone).hover_speed());
+  const auto hover_speed = static_cast<float>(true_airframe_of(drone).hover_speed());
   for (std::size_t i = kRotors * drone; i < kRotors * (drone + 1); ++i) {
     flight.rotor_speed[i] = flight.rotor_command[i] = hover_speed;
   }
 }
 
 void Fleet::begin_gusts(State& state, DroneIndex drone) const {
-  set_gust(wind, state, drone, wind.has_gusts() ? wind.begin(gust_noise(*this, state, drone, 0)) : GustState{});
+  set_gust(*this, state, drone, wind.has_gusts() ? wind.begin(gust_noise(*this, state, drone, 0)) : GustState{});
 }
 
 void Fleet::update_wind(State& state, std::span<const DroneIndex> drones, int ticks_ahead) const {
@@ -142,7 +354,7 @@ void Fleet::update_wind(State& state, std::span<const DroneIndex> drones, int ti
     std::copy_n(state.flight.gust.data() + kGustStates * drone, kGustStates, gust.data());
     // Index the noise by ticks: a batch without a task has no steps.
     const std::int64_t tick = state.tick[env_of(drone)] + ticks_ahead;
-    set_gust(wind, state, drone, wind.next(gust, gust_noise(*this, state, drone, tick + 1)));
+    set_gust(*this, state, drone, wind.next(gust, gust_noise(*this, state, drone, tick + 1)));
   }
 }
 

@@ -47,6 +47,7 @@ struct Inputs {
   V3 wind;
   F height;
   const Lanes<kRotors>& thrust_share;
+  const Lanes<3>&push, &twist;
 };
 
 struct Forces {
@@ -98,7 +99,7 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, co
   for (std::size_t i = 0; i < kRotors; ++i) {
     const F speed = s.rotor[i];
     const F x = at(n.position[i][0]), y = at(n.position[i][1]), z = at(n.position[i][2]);
-    F push = max(at(n.thrust[0]) + (at(n.thrust[1]) + at(n.thrust[2]) * speed) * speed, 0.0F);
+    F push = max(at(n.thrust[i][0]) + (at(n.thrust[i][1]) + at(n.thrust[i][2]) * speed) * speed, 0.0F);
     if (has_drag || has_lift) {
       const V3 hub{air.x + (w.y * z - w.z * y), air.y + (w.z * x - w.x * z), air.z + (w.x * y - w.y * x)};
       if (has_lift) push = push + at(n.lift) * (hub.x * hub.x + hub.y * hub.y);
@@ -142,8 +143,12 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, co
   }
   V3 acceleration = times(r, force * at(n.inverse_mass));
   acceleration.z = acceleration.z - kG;
-  return {acceleration,
-          {at(n.inverse_inertia[0]) * torque.x, at(n.inverse_inertia[1]) * torque.y, at(n.inverse_inertia[2]) * torque.z}};
+  V3 turning{at(n.inverse_inertia[0]) * torque.x, at(n.inverse_inertia[1]) * torque.y, at(n.inverse_inertia[2]) * torque.z};
+  if (p.pushed) {
+    acceleration = acceleration + V3{at(in.push[0]), at(in.push[1]), at(in.push[2])};
+    turning = turning + V3{at(in.twist[0]), at(in.twist[1]), at(in.twist[2])};
+  }
+  return {acceleration, turning};
 }
 
 // Midpoint method, second order. Rotor speeds are exact, and so is the attitude at a constant angular velocity.
@@ -277,7 +282,8 @@ HWY_INLINE V3 accelerate(const Physics& p, const Numbers& n, At at, const V3& ve
 HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const OdeState& s, F thrust, V3 desired, F* command) {
   const V3& turn = s.turn;
   desired = {clamp(desired.x, p.max_rate), clamp(desired.y, p.max_rate), clamp(desired.z, p.max_yaw_rate)};
-  const V3 spin{at(n.inertia[0]) * turn.x, at(n.inertia[1]) * turn.y, at(n.inertia[2]) * turn.z};
+  const auto& inertia = n.known_inertia;
+  const V3 spin{at(inertia[0]) * turn.x, at(inertia[1]) * turn.y, at(inertia[2]) * turn.z};
   const V3 gyro = cross(turn, spin);
   const F x = at(n.rate_torque[0]) * (desired.x - turn.x) + gyro.x;
   const F y = at(n.rate_torque[1]) * (desired.y - turn.y) + gyro.y;
@@ -309,11 +315,11 @@ HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const OdeState& s
   for (std::size_t i = 0; i < kRotors; ++i) {
     const F want = max(min(level[i] + share * (at(n.mixer[i][3]) * z), at(n.max_thrust)), at(n.min_thrust));
     // Invert the thrust curve, which is a parabola or a straight line.
-    const F root = sqrt(max(at(n.discriminant) + at(n.four_c2) * want, 0.0F)) - at(n.thrust[1]);
+    const F root = sqrt(max(at(n.discriminant) + at(n.four_c2) * want, 0.0F)) - at(n.known_thrust[1]);
     F speed = root * at(n.half_over_c2);
     if (p.linear_thrust) {
-      const F straight = (want - at(n.thrust[0])) * at(n.one_over_c1);
-      speed = select(at(n.thrust[2]) > 0.0F, speed, straight);
+      const F straight = (want - at(n.known_thrust[0])) * at(n.one_over_c1);
+      speed = select(at(n.known_thrust[2]) > 0.0F, speed, straight);
     }
     if (p.leads) {
       const F leading = s.rotor[i] + at(n.lead) * (speed - s.rotor[i]);
@@ -389,6 +395,26 @@ HWY_INLINE F goodness(const Physics& p, const OdeState& s) {
   return select(fastest > kMaxSpeed, 0.0F, select(abs(square - 1.0F) < 1e-2F, slow, 0.0F));
 }
 
+// Runs the controller with its lag, and lets the motors follow as far as their battery allows.
+HWY_NOINLINE void drive(const Physics& p, const Numbers& n, At at, const OdeState& s, const F* set, V3& integral,
+                        const Lanes<kRotors>& share, F* command) {
+  F wanted[kRotors];
+  control(p, n, at, s, set, integral, wanted);
+  for (std::size_t i = 0; i < kRotors; ++i) {
+    if (p.drains) wanted[i] = wanted[i] * at(share[i]);
+    command[i] = wanted[i] + (command[i] - wanted[i]) * p.command_keep;
+  }
+}
+
+// Replaces the setpoint by those that have arrived.
+HWY_NOINLINE void take_arrivals(std::span<const Arrival> arrivals, int tick, std::size_t lane, F* set) {
+  const F now(static_cast<float>(tick));
+  for (const Arrival& arrival : arrivals) {
+    const F::Mask has_arrived = load(arrival.tick, lane) <= now;
+    for (std::size_t i = 0; i < 7; ++i) set[i] = select(has_arrived, load(arrival.setpoint[i], lane), set[i]);
+  }
+}
+
 template <bool kRk4, bool kHasRotorTerms>
 void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks, Lanes<3>* path) {
   for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) {
@@ -404,16 +430,22 @@ void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, i
       s.rotor[i] = load(flock.rotor[i], lane);
       command[i] = load(flock.rotor_command[i], lane);
     }
-    const Inputs in{load3(flock.wind, lane), load(flock.height, lane), flock.thrust_share};
+    const Inputs in{load3(flock.wind, lane), load(flock.height, lane), flock.thrust_share, flock.push, flock.twist};
     F set[7];
     for (std::size_t i = 0; i < 7; ++i) set[i] = load(flock.setpoint[i], lane);
+    const bool has_own_drive = p.drains || p.command_keep != 0.0F;
     F reach2(0.0F);
     V3 velocity_before = s.velocity;
     V3 turn_before = s.turn;
     for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
       if (tick % p.control_ticks == 0) {
         const OdeState seen = s;  // a copy lets the state itself stay in registers
-        control(p, n, at, seen, set, integral, command);
+        if (!flock.arrivals.empty()) take_arrivals(flock.arrivals, tick, lane, set);
+        if (has_own_drive) {
+          drive(p, n, at, seen, set, integral, flock.speed_share, command);
+        } else {
+          control(p, n, at, seen, set, integral, command);
+        }
       }
       respond(p, n, at, command, s.rotor);
       velocity_before = s.velocity;

@@ -4,9 +4,11 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "flockstep/airframe.hpp"
 #include "flockstep/dynamics.hpp"
+#include "flockstep/variation.hpp"
 
 namespace flockstep::dynamics {
 
@@ -16,6 +18,12 @@ inline constexpr float kMaxSpeed = 1e4F;  // m/s along each axis, also rad/s
 using Lane = std::array<float, kLanes>;  // one number for each drone
 template <std::size_t kCount>
 using Lanes = std::array<Lane, kCount>;
+
+// A command that takes effect within a leg: from this tick of the step on, for each lane; infinite: not at all.
+struct alignas(64) Arrival {
+  Lane tick;
+  Lanes<7> setpoint;
+};
 
 // Drones in flight as a structure of arrays, in the world frame unless marked as body. A leg is a run of ticks flown without
 // storing the state.
@@ -33,6 +41,10 @@ struct alignas(64) Flock {
   Lane height{};                  // m above the ground at the start of the leg; infinite without ground
   Lanes<kRotors> thrust_share{};  // share of its thrust that each rotor keeps in the wash of other drones; see Fleet
   Lanes<7> setpoint{};            // see Stage
+  std::span<Arrival> arrivals{};  // further setpoints, in the order in which they were commanded
+  Lanes<kRotors> speed_share{};   // share of its commanded speed that each rotor is driven to; read if Physics::drains
+  Lanes<3> push{};                // m/s^2, world frame; acceleration by a force from outside; read if Physics::pushed
+  Lanes<3> twist{};               // rad/s^2, angular acceleration by a torque from outside; read if Physics::pushed
   // Results of the leg.
   Lanes<3> acceleration{};          // m/s^2, mean of the last tick
   Lanes<3> angular_acceleration{};  // rad/s^2, body, mean of the last tick
@@ -58,9 +70,9 @@ Stage stage_of(Control control);
 // True if the stage integrates the velocity error.
 inline bool has_integral(Stage stage) { return stage >= Stage::velocity; }
 
-// The controller's gains, derived from the lag T of the rotors. With a damping of 0.7 the rate gain is 0.5 / T. Each outer loop
-// has a third of the bandwidth of the loop inside it; the position loop has half. Rotors slower than 35 ms are overdriven: the
-// commanded change of speed is scaled by T / 35 ms, at most by four.
+// The controller's gains: those of ControllerConfig, otherwise derived from the lag T of the rotors. With a damping of 0.7 the
+// rate gain is 0.5 / T. Each outer loop has a third of the bandwidth of the loop inside it; the position loop has half. Rotors
+// slower than 35 ms are overdriven: the commanded change of speed is scaled by T / 35 ms, at most by four.
 struct Gains {
   double lead = 1.0;
   double rate = 0.0;      // 1/s, about x and y
@@ -86,19 +98,14 @@ double stiffness(const Airframe& frame, const DynamicsConfig& config);
 template <class T>
 struct AirframeNumbers {
   // the body
-  T mass{}, inverse_mass{};
+  T inverse_mass{};
   std::array<T, 3> inertia{}, inverse_inertia{};
   std::array<T, 3> linear_drag{}, quadratic_drag{};
   // the rotors
   std::array<std::array<T, 3>, kRotors> position{};
   std::array<T, kRotors> yaw_sign{};    // sign of the torque about z: -1 for a rotor that turns counter-clockwise
   std::array<T, kRotors> yaw_torque{};  // m, signed torque about z over thrust
-  std::array<T, 3> thrust{};            // c0, c1, c2
-  T min_speed{}, max_speed{};
-  T min_thrust{}, max_thrust{};
-  T thrust_tiny{};  // N, a millionth of the largest thrust
-  // speed = (sqrt(discriminant + 4 c2 thrust) - c1) / (2 c2), or (thrust - c0) / c1 if c2 is 0
-  T discriminant{}, four_c2{}, half_over_c2{}, one_over_c1{};
+  std::array<std::array<T, 3>, kRotors> thrust{};  // c0, c1, c2 of each rotor
   T keep_half_up{}, keep_up{};  // share of a speed difference left after half a tick and after a tick
   T keep_half_down{}, keep_down{};
   T inverse_lag_up{}, inverse_lag_down{};  // 1/s; 0 without a lag
@@ -107,7 +114,15 @@ struct AirframeNumbers {
   T lift{};
   T ground_quarter{};  // m, a quarter of the rotor radius
   T least_height{};    // m, below this the ground effect stops growing
-  // the controller
+  // the controller, which knows the drone as its airframe is
+  T mass{};
+  std::array<T, 3> known_inertia{};
+  T min_speed{}, max_speed{};
+  T min_thrust{}, max_thrust{};
+  T thrust_tiny{};                 // N, a millionth of the largest thrust
+  std::array<T, 3> known_thrust{};  // c0, c1, c2
+  // speed = (sqrt(discriminant + 4 c2 thrust) - c1) / (2 c2), or (thrust - c0) / c1 if c2 is 0
+  T discriminant{}, four_c2{}, half_over_c2{}, one_over_c1{};
   std::array<std::array<T, 4>, kRotors> mixer{};  // rotor thrusts from total thrust and torque about x, y, z
   T lead{};
   std::array<T, 3> rate_torque{};  // N m / (rad/s), rate gain times inertia, about x, y, z
@@ -119,6 +134,15 @@ struct AirframeNumbers {
 // The coefficients of the drones of a flock.
 struct alignas(64) LaneNumbers : AirframeNumbers<Lane> {};
 void set_lanes(const std::array<const AirframeNumbers<float>*, kLanes>& numbers, LaneNumbers& lanes);
+// Sets one lane, or copies one.
+void set_lane(const AirframeNumbers<float>& numbers, std::size_t lane, LaneNumbers& lanes);
+void copy_lane(const LaneNumbers& from, std::size_t lane, LaneNumbers& to, std::size_t to_lane);
+
+// The coefficients of an airframe and of the controller made for it. control_dt_s: time between its calls.
+AirframeNumbers<float> numbers_of(const Airframe& frame, const DynamicsConfig& config, double dt_s, double control_dt_s);
+// Those of a drone with these parameters, with the controller of `known`, the numbers of its airframe.
+AirframeNumbers<float> numbers_of(const Airframe& frame, const AirframeNumbers<float>& known, const DroneParameters& parameters,
+                                  const DynamicsConfig& config, double dt_s, double control_dt_s);
 
 // The flight settings that all drones of a batch share, and the coefficients of one airframe.
 struct Physics {
@@ -137,6 +161,9 @@ struct Physics {
   bool instant_up = false, instant_down = false;  // rotors without a lag
   bool linear_thrust = false;                     // thrust curves without a quadratic term
   bool leads = false;                             // rotors commanded beyond the desired speed
+  bool drains = false;                            // batteries that lose voltage, or rotors that die
+  bool pushed = false;                            // forces from outside
+  float command_keep = 0.0F;                      // share of the last command left after the controller's lag; 0: no lag
   int control_ticks = 1;
   float dt = 0.0F;
   float max_turn = 0.0F;  // rad/s, half a turn in a tick: faster turns would alias to slower ones

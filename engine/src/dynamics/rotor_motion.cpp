@@ -56,7 +56,7 @@ class GroupFlight {
         state_(context.state),
         flock_(context.scratch.flock),
         group_(drones, context.own),
-        numbers_(fleet_.airframes.size() == 1 ? fleet_.physics.lanes : gathered_numbers()) {}
+        numbers_(fleet_.lane_numbers.empty() ? fleet_.physics.lanes : own_numbers()) {}
 
   void update_accelerations() {
     load();
@@ -75,11 +75,11 @@ class GroupFlight {
     if (has_bodies()) push_held(first_tick);
     if (is_done()) return;
     load();
-    load_setpoints(commands);
+    load_setpoints(commands, first_tick, ticks);
     fly_free(first_tick, ticks);
     if (is_done()) return;
     load();
-    load_setpoints(commands);
+    load_setpoints(commands, first_tick, ticks);
     const Lanes<3> began = flock_.origin;
     LaneFlags flies{};
     for (std::size_t lane = 0; lane < kLanes; ++lane) flies[lane] = !is_done_[lane];
@@ -97,7 +97,7 @@ class GroupFlight {
     for (std::size_t lane = 0; lane < kLanes; ++lane) is_done_[lane] = !group_.is_listed(lane) || is_held(lane);
     if (is_done()) return;
     load();
-    load_setpoints(commands);
+    load_setpoints(commands, tick, 1);
     advance(tick, 1);
     check_open_space();
     LaneFlags flies{};
@@ -117,26 +117,48 @@ class GroupFlight {
   }
 
  private:
-  // The coefficients of the lanes' airframes. They are cached: the next group often has the same airframes in its lanes.
-  const LaneNumbers& gathered_numbers() {
-    FlightScratch& scratch = context_.scratch;
-    std::array<std::int32_t, kLanes> airframes;
-    for (std::size_t lane = 0; lane < kLanes; ++lane) airframes[lane] = fleet_.airframe_index[group_[lane]];
-    if (airframes == scratch.airframes) return scratch.numbers;
-    std::array<const AirframeNumbers<float>*, kLanes> numbers;
-    for (std::size_t lane = 0; lane < kLanes; ++lane) numbers[lane] = &fleet_.numbers[fleet_.airframe_row(group_[lane])];
-    set_lanes(numbers, scratch.numbers);
-    scratch.airframes = airframes;
-    return scratch.numbers;
+  // The coefficients of the lanes' drones.
+  const LaneNumbers& own_numbers() {
+    if (group_.is_row() && group_[0] % kLanes == 0) return fleet_.lane_numbers[group_[0] / kLanes];
+    LaneNumbers& numbers = context_.scratch.numbers;
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const DroneIndex drone = group_[lane];
+      copy_lane(fleet_.lane_numbers[drone / kLanes], drone % kLanes, numbers, lane);
+    }
+    return numbers;
   }
 
   void load() {
     group_.load(state_, flock_);
     find_ground();
     if (fleet_.physics.downwash) group_.load(fleet_.thrust_share, flock_.thrust_share);
+    flock_.arrivals = {};
+    if (physics_.pushed) {
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        set(parameter(lane, &DroneParameters::push_mps2), lane, flock_.push);
+        set(parameter(lane, &DroneParameters::twist_radps2), lane, flock_.twist);
+      }
+    }
+    for (std::size_t lane = 0; physics_.drains && lane < kLanes; ++lane) {
+      const auto shares = fleet_.speed_share(state_, group_[lane], step_start(lane));
+      for (std::size_t i = 0; i < kRotors; ++i) flock_.speed_share[i][lane] = shares[i];
+    }
   }
 
-  void load_setpoints(const Commands& commands) {
+  Vec3 parameter(std::size_t lane, std::array<float, 3> DroneParameters::* member) const {
+    const DroneParameters parameters = Fleet::parameters_of(state_, group_[lane]);
+    return Vec3::Map((parameters.*member).data());
+  }
+
+  // Tick of the lane's episode at which the current step began.
+  std::int64_t step_start(std::size_t lane) const {
+    const std::int64_t now = state_.tick[env_of(lane)] + context_.scratch.ticks_ahead;
+    return now - now % fleet_.clock.substeps();
+  }
+
+  // Loads the commands of a leg: those that are given, or the ones that arrive.
+  void load_setpoints(const Commands& commands, int first_tick, int ticks) {
+    if (!fleet_.commands.empty()) return load_arrivals(commands, first_tick, ticks);
     if (!has_integral(physics_.stage)) flock_.error_integral = {};  // otherwise it could be from before a change of control
     const Control control = control_of(commands);
     if (group_.is_row() &&
@@ -149,6 +171,33 @@ class GroupFlight {
       const auto setpoint = setpoint_of(control, fleet_.airframe_of(group_[lane]), input_of(commands, group_[lane]));
       for (std::size_t k = 0; k < setpoint.size(); ++k) flock_.setpoint[k][lane] = setpoint[k];
     }
+  }
+
+  void load_arrivals(const Commands& commands, int first_tick, int ticks) {
+    if (!has_integral(physics_.stage)) flock_.error_integral = {};
+    std::vector<Arrival>& arrivals = context_.scratch.arrivals;
+    std::size_t used = 0;
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      std::size_t count = 0;
+      const std::int64_t start = step_start(lane);
+      fleet_.commands.for_each(group_[lane], start + first_tick, start + first_tick + ticks, [&](const float* command, std::int64_t at) {
+        SetpointInput input{.step_s = static_cast<float>(fleet_.clock.step_s())};
+        if (control_of(commands) == Control::position) input.now = pose_of(state_, group_[lane]);
+        std::copy_n(command, 4, input.command.data());
+        const auto setpoint = setpoint_of(control_of(commands), fleet_.airframe_of(group_[lane]), input);
+        if (count == 0) {
+          for (std::size_t k = 0; k < setpoint.size(); ++k) flock_.setpoint[k][lane] = setpoint[k];
+        } else {
+          if (count > arrivals.size()) arrivals.emplace_back();
+          if (count > used) arrivals[used++].tick.fill(std::numeric_limits<float>::infinity());
+          Arrival& arrival = arrivals[count - 1];
+          arrival.tick[lane] = static_cast<float>(at - start);
+          for (std::size_t k = 0; k < setpoint.size(); ++k) arrival.setpoint[k][lane] = setpoint[k];
+        }
+        ++count;
+      });
+    }
+    flock_.arrivals = std::span(arrivals).first(used);
   }
 
   Control control_of(const Commands& commands) const { return commands.control.value_or(fleet_.config.control); }
@@ -359,7 +408,7 @@ class GroupFlight {
   void end_tick(std::size_t lane) {
     const DroneIndex drone = group_[lane];
     GroupMember& member = context_.scratch.member;
-    member.airframe = &fleet_.airframe_of(drone);
+    member.airframe = &fleet_.true_airframe_of(drone);
     member.motion = motion_of(lane);
     member.has_contact = member.is_fixed = false;
     context_.scratch.contacts.resolve(member, obstacles(lane), bodies(lane), fleet_.config);
@@ -390,7 +439,11 @@ class GroupFlight {
     set(Vec3::Zero(), lane, flock_.travelled);
     flock_.height[lane] += moved.z();
     if (physics_.stage != Stage::position) return;
-    for (std::size_t k = 0; k < 3; ++k) flock_.setpoint[k][lane] -= moved[static_cast<Eigen::Index>(k)];
+    for (std::size_t k = 0; k < 3; ++k) {
+      const float by = moved[static_cast<Eigen::Index>(k)];
+      flock_.setpoint[k][lane] -= by;
+      for (Arrival& arrival : flock_.arrivals) arrival.setpoint[k][lane] -= by;
+    }
   }
 
   // Stops a drone whose state left the range that can be integrated: it rests at its last position.
@@ -435,6 +488,8 @@ void for_each_group(const FlightContext& context, std::span<const DroneIndex> dr
 void update_accelerations(const FlightContext& context, std::span<const DroneIndex> drones) {
   Physics coasting = context.fleet.physics;
   coasting.stage = Stage::rotors;
+  coasting.drains = false;  // the rotors keep their speed
+  coasting.command_keep = 0.0F;
   while (!drones.empty()) GroupFlight(context, coasting, drones).update_accelerations();
 }
 

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "collision/hull.hpp"
 #include "collision/moving_bodies.hpp"
@@ -29,10 +30,10 @@ struct FlightScratch {
   FlightScratch(const collision::Hull& hull, const collision::Corners& corners) : contacts(hull, corners) {}
 
   Flock flock;
-  // For a fleet with several airframes: the coefficients of the last group's lanes and their airframe rows; -1: no group yet.
-  LaneNumbers numbers;
+  LaneNumbers numbers;              // the coefficients of a group whose lanes are not consecutive drones
+  std::vector<Arrival> arrivals;    // of a group's commands
+  int ticks_ahead = 0;              // ticks that a call has flown and State::tick does not count yet
   AlignedVector<Lanes<3>> path;  // the current leg, one entry per tick; empty if neither paths nor deviations are recorded
-  std::array<std::int32_t, kLanes> airframes{-1};
   collision::NearSolids near;
   ContactResolver contacts;
   GroupMember member;  // a drone that can touch no other one

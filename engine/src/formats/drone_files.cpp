@@ -1,9 +1,12 @@
 // Reads and writes drone files: DroneModels as the JSON that docs/reference/drone-files.md describes.
 #include <array>
+#include <charconv>
 #include <cstddef>
+#include <cstdint>
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -14,6 +17,7 @@
 #include "base/require.hpp"
 #include "base/text_file.hpp"
 #include "flockstep/drone_model.hpp"
+#include "world/random_drone.hpp"
 
 namespace flockstep {
 namespace {
@@ -199,6 +203,14 @@ DroneModel DroneModel::quadrotor650() { return load("t650"); }
 
 DroneModel DroneModel::load(const std::string& name_or_path) {
   if (name_or_path.ends_with(".json")) return read_drone(read_text_file(name_or_path, "a drone file"), name_or_path);
+  if (name_or_path.starts_with(kRandomDrone)) {
+    const std::string_view digits = std::string_view(name_or_path).substr(kRandomDrone.size());
+    std::uint64_t seed = 0;
+    const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), seed);
+    require(error == std::errc() && end == digits.data() + digits.size(), "drone", "random/seed-N with an integer N >= 0",
+            quoted_excerpt(name_or_path));
+    return random_drone(seed);
+  }
   std::string names;
   std::vector<std::string_view> known;
   for (const auto& [name, text] : kBundled) {
@@ -206,7 +218,7 @@ DroneModel DroneModel::load(const std::string& name_or_path) {
     names += (names.empty() ? "" : ", ") + std::string(name);
     known.push_back(name);
   }
-  refuse("drone", "one of " + names + ", or the path of a file ending in .json",
+  refuse("drone", "one of " + names + ", random/seed-N, or the path of a file ending in .json",
          quoted_excerpt(name_or_path) + did_you_mean(name_or_path, known));
 }
 

@@ -169,8 +169,11 @@ void check_access(const Recipe& recipe, const RecipeAccess& access) {
   for (const std::string& world : recipe.worlds) {
     if (is_scene_path(world) || is_path(world)) check_path("worlds", world, access);
   }
-  const auto* const drone = std::get_if<std::string>(&recipe.drone);
-  if (drone != nullptr && (drone->ends_with(".json") || is_path(*drone))) check_path("drone", *drone, access);
+  const auto check_drone = [&](const char* field, const std::string& drone) {
+    if (drone.ends_with(".json") || is_path(drone)) check_path(field, drone, access);
+  };
+  if (const auto* const drone = std::get_if<std::string>(&recipe.drone)) check_drone("drone", *drone);
+  for (const std::string& frame : recipe.batch.frames) check_drone("frames", frame);
 }
 
 std::unique_ptr<Batch> make_batch(const Recipe& recipe, const RecipeAccess& access) {

@@ -85,8 +85,12 @@ class FlightTask : public Task {
   bool takes(Control control) const override { return control != Control::pose; }
 
   void setup(const TaskContext& context) override {
-    action_ = FlightAction(context.dynamics(), *context.drone_model().airframe(), max_thrust_to_weight_);
-    rotor_ = rotor_speed_ranges(*context.drone_model().airframe());
+    action_.clear();
+    rotor_.clear();
+    for (const Airframe& frame : context.airframes()) {
+      action_.emplace_back(context.dynamics(), frame, max_thrust_to_weight_);
+      rotor_.push_back(rotor_speed_ranges(frame));
+    }
     step_s_ = context.clock().step_s();
     targets_.resize(3 * context.num_drones());
     target_world_.assign(context.num_drones(), -1);
@@ -110,7 +114,8 @@ class FlightTask : public Task {
     const State& state = block.context.state();
     for (const DroneIndex drone : block.drones) {
       const Four action = Four(actions.row<float>(drone).data()).max(-1.0F).min(1.0F);
-      Eigen::Map<Four>(setpoints.command.data() + kActions * drone) = action_.command(action, state, drone);
+      const FlightAction& meaning = action_[block.context.airframe_row(drone)];
+      Eigen::Map<Four>(setpoints.command.data() + kActions * drone) = meaning.command(action, state, drone);
       Eigen::Map<Four> now(action_now_.data() + kActions * drone);
       Eigen::Map<Four>(action_before_.data() + kActions * drone) = now;
       now = action;
@@ -152,7 +157,8 @@ class FlightTask : public Task {
   }
 
   // Writes velocity, up vector, angular velocity and rotor speeds to a row.
-  void observe_flight(const State& state, DroneIndex drone, const Mat3& to_body, std::span<float> row) const {
+  void observe_flight(const TaskContext& context, DroneIndex drone, const Mat3& to_body, std::span<float> row) const {
+    const State& state = context.state();
     const Vec3 velocity = to_body * velocity_of(state, drone);
     const Vec3 up = to_body.col(2);
     const Vec3 spin = angular_velocity_of(state, drone) * (1.0F / kSpinUnit);
@@ -162,7 +168,8 @@ class FlightTask : public Task {
       row[3 + k] = up[axis];
       row[6 + k] = spin[axis];
     }
-    Eigen::Map<Four>(row.data() + 9) = rotor_.action_for(Four(state.flight.rotor_speed.data() + kRotors * drone));
+    const ActionRanges& range = rotor_[context.airframe_row(drone)];
+    Eigen::Map<Four>(row.data() + 9) = range.action_for(Four(state.flight.rotor_speed.data() + kRotors * drone));
   }
 
   // The mean squared change of the action.
@@ -182,8 +189,8 @@ class FlightTask : public Task {
   double max_thrust_to_weight_ = std::numeric_limits<double>::infinity();  // limit of actions, set before setup()
 
  private:
-  FlightAction action_;
-  ActionRanges rotor_;
+  std::vector<FlightAction> action_;  // by row of the airframes
+  std::vector<ActionRanges> rotor_;   // by row of the airframes
   double step_s_ = 0.0;
   std::vector<float> targets_;              // (N, 3) m
   std::vector<std::int32_t> target_world_;  // (N,) world_index of each target; -1: none yet

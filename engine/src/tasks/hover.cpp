@@ -37,10 +37,13 @@ class Hover final : public ConfiguredFlightTask<HoverConfig> {
   void setup(const TaskContext& context) override {
     FlightTask::setup(context);
     held_.resize(context.num_drones());
-    const Airframe& frame = *context.drone_model().airframe();
-    const double hovering = frame.hover_speed();
-    rotors_ = {static_cast<float>(hovering), static_cast<float>(1.0 / (hovering - frame.min_speed_radps)),
-               static_cast<float>(1.0 / (frame.max_speed_radps - hovering))};
+    units_.clear();
+    for (const Airframe& frame : context.airframes()) {
+      const double hovering = frame.hover_speed();
+      units_.push_back({static_cast<float>(hovering), static_cast<float>(1.0 / (hovering - frame.min_speed_radps)),
+                        static_cast<float>(1.0 / (frame.max_speed_radps - hovering))});
+    }
+    for (std::size_t lane = 0; lane < GatheredRows::kCount; ++lane) set_units(units_[0], lane, rotors_);
     hold_steps_ = std::max(std::llround(static_cast<double>(config_.hold_s) / step_s()), 1LL);
   }
 
@@ -119,9 +122,15 @@ class Hover final : public ConfiguredFlightTask<HoverConfig> {
                             .angular_velocity = rows.rows<3>(state.flight.angular_velocity),
                             .rotor_speed = rows.rows<4>(state.flight.rotor_speed)};
       float* const first = observation[0].row<float>(rows.drones()[0]).data();
-      if (rows.is_contiguous()) return observe_hover(flown, rotors_, kSpinUnit, first);
+      RotorUnits several;
+      for (std::size_t i = 0; units_.size() > 1 && i < GatheredRows::kCount; ++i) {
+        const DroneIndex drone = rows.drones()[std::min(i, rows.drones().size() - 1)];
+        set_units(units_[block.context.airframe_row(drone)], i, several);
+      }
+      const RotorUnits& rotors = units_.size() > 1 ? several : rotors_;
+      if (rows.is_contiguous()) return observe_hover(flown, rotors, kSpinUnit, first);
       std::array<float, kHoverNumbers * GatheredRows::kCount> out;
-      observe_hover(flown, rotors_, kSpinUnit, out.data());
+      observe_hover(flown, rotors, kSpinUnit, out.data());
       for (std::size_t i = 0; i < rows.drones().size(); ++i) {
         std::copy_n(out.data() + kHoverNumbers * i, kHoverNumbers, observation[0].row<float>(rows.drones()[i]).data());
       }
@@ -164,7 +173,15 @@ class Hover final : public ConfiguredFlightTask<HoverConfig> {
             {config_.start_speed_mps * unit[6] * direction, config_.start_rate_dps * kPi / 180.0F * around(9)}};
   }
 
-  RotorUnits rotors_;
+  using Units = std::array<float, 3>;
+  static void set_units(const Units& units, std::size_t lane, RotorUnits& lanes) {
+    lanes.hovering[lane] = units[0];
+    lanes.inverse_below[lane] = units[1];
+    lanes.inverse_above[lane] = units[2];
+  }
+
+  std::vector<Units> units_;  // of RotorUnits, by row of the airframes
+  RotorUnits rotors_;         // of the first
   std::int64_t hold_steps_ = 1;
   std::vector<std::int64_t> held_;  // (N,) consecutive steps within hold_m
 };

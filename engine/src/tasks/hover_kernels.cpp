@@ -68,11 +68,13 @@ void score_hover(const HoverRows& rows, double reach_m, HoverScores& scores) {
 
 void observe_hover(const HoverRows& rows, const RotorUnits& rotors, float spin_unit, float* out) {
   alignas(64) float quarters[4][4 * kLanes];
-  const auto rotor = [&](F speed) HWY_ATTR {
-    const F away = speed - rotors.hovering;
-    return min(away, 0.0F) * rotors.inverse_below + max(away, 0.0F) * rotors.inverse_above;
-  };
   for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) {
+    const F hovering = load(rotors.hovering, lane);
+    const F inverse_below = load(rotors.inverse_below, lane), inverse_above = load(rotors.inverse_above, lane);
+    const auto rotor = [&](F speed) HWY_ATTR {
+      const F away = speed - hovering;
+      return min(away, 0.0F) * inverse_below + max(away, 0.0F) * inverse_above;
+    };
     const M3 to_world = matrix(rows4(rows.quat_wxyz, lane));
     const V3 way = transpose_times(to_world, rows3(rows.target, lane) - rows3(rows.position, lane));
     const V3 velocity = transpose_times(to_world, rows3(rows.velocity, lane));

@@ -33,9 +33,9 @@ struct alignas(64) HoverScores {
 };
 void score_hover(const HoverRows& rows, double reach_m, HoverScores& scores);
 
-// Scale of observed rotor speeds: 0 at hover speed, -1 and 1 at the slowest and fastest speed.
-struct RotorUnits {
-  float hovering = 0.0F, inverse_below = 1.0F, inverse_above = 1.0F;  // rad/s, s/rad
+// Scale of observed rotor speeds, of each drone: 0 at hover speed, -1 and 1 at the slowest and fastest speed.
+struct alignas(64) RotorUnits {
+  dynamics::Lane hovering, inverse_below, inverse_above;  // rad/s, s/rad
 };
 // Writes rows (kLanes, kHoverNumbers): vector to the point, velocity, up and angular velocity in units of spin_unit, all in the
 // body frame, then the rotor speeds.

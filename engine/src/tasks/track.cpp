@@ -190,7 +190,6 @@ class Track final : public ConfiguredFlightTask<TrackConfig> {
   }
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
-    const State& state = block.context.state();
     for (const DroneIndex drone : block.drones) {
       const Pose pose = block.context.sensed_pose(drone);
       const Mat3 to_body = pose.rotation.toRotationMatrix().transpose();
@@ -204,7 +203,7 @@ class Track final : public ConfiguredFlightTask<TrackConfig> {
         const Vec3 way = to_body * (path_.position(waves) - from_middle);
         std::copy_n(way.data(), 3, row.data() + 3 * i);
       }
-      observe_flight(state, drone, to_body, row.subspan(3 * points));
+      observe_flight(block.context, drone, to_body, row.subspan(3 * points));
       row[3 * points + kOwnFlight] = std::sin(missing);
       row[3 * points + kOwnFlight + 1] = std::cos(missing);
     }

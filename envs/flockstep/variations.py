@@ -1,0 +1,174 @@
+"""What differs from drone to drone: lists of `Variation`, presets with their sources, and a description."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+from flockstep._core import Batch, ControllerConfig, Variation, parameter_names
+
+#: A law: a number (a constant), a pair of bounds (uniform), or a `Variation` of any parameter.
+Law = float | tuple[float, float] | Variation
+
+
+def log_uniform(low: float, high: float, **options: Any) -> Variation:
+    """Return the law of a number whose logarithm is uniform, for `vary`. Options are fields of `Variation`."""
+    return Variation(law="log_uniform", low=low, high=high, **options)
+
+
+def uniform(low: float, high: float, **options: Any) -> Variation:
+    """Return the law of a uniform number, for `vary`. Options are fields of `Variation`, such as ``when="interval"``."""
+    return Variation(low=low, high=high, **options)
+
+
+def normal(mean: float, std: float, low: float | None = None, high: float | None = None, **options: Any) -> Variation:
+    """Return a normal law clipped to [low, high], by default three standard deviations, for `vary`."""
+    low, high = mean - 3 * std if low is None else low, mean + 3 * std if high is None else high
+    return Variation(law="normal", mean=mean, std=std, low=low, high=high, **options)
+
+
+def choice(values: Iterable[float], **options: Any) -> Variation:
+    """Return the law of a number that is one of some values, equally likely, for `vary`."""
+    return Variation(law="choice", values=list(values), **options)
+
+
+def vary(*presets: Iterable[Variation], **laws: Law) -> list[Variation]:
+    """Return a list of variations, for the keyword ``variations`` of an environment or a `Batch`.
+
+    Parameters
+    ----------
+    presets
+        Lists to begin with, such as ``flockstep.variations.presets["diffaero"]``. Of two laws for one parameter the
+        later one counts.
+    laws
+        A law for each parameter, by its name in `DroneParameters`: a pair of bounds is uniform, a number constant, and
+        `uniform`, `log_uniform`, `normal` and `choice` of `flockstep.variations` make other laws.
+
+    Returns
+    -------
+    variations
+        One `Variation` for each parameter.
+
+    Examples
+    --------
+    >>> import flockstep
+    >>> laws = flockstep.vary(mass_scale=(0.8, 1.2), action_delay_s=0.02)
+    >>> [(law.parameter, law.low, law.high) for law in laws]  # doctest: +SKIP
+    [('mass_scale', 0.8, 1.2), ('action_delay_s', 0.02, 0.02)]
+
+    """
+    made = {law.parameter: law for preset in presets for law in preset}
+    for parameter, law in laws.items():
+        if not isinstance(law, Variation):
+            low, high = law if isinstance(law, tuple) else (law, law)
+            law = Variation(low=low, high=high)
+        made[parameter] = Variation(**{**{name: getattr(law, name) for name in law._fields}, "parameter": parameter})
+    return list(made.values())
+
+
+def _presets() -> dict[str, list[Variation]]:
+    around = lambda share, **options: uniform(1 - share, 1 + share, **options)  # noqa: E731
+    hundredth = 9.81 / 20
+    return {
+        # J. Eschmann et al., "Learning to fly in seconds", IEEE RA-L 2024: a force of a twentieth of the weight. The
+        # frames of its successor RAPTOR are the drones "random/seed-N".
+        "l2f": vary(push_mps2=normal(0.0, 9.81 / 20)),
+        # OmniDrones, IEEE RA-L 2024, its Hummingbird. Thrust grows with mass here, so that each drone can fly.
+        "omnidrones": vary(
+            mass_scale=uniform(0.26, 1.74, group="size"),
+            thrust_scale=uniform(0.26, 1.74, group="size"),
+            torque_scale=(0.63, 2.5),
+            center_m=(-0.05, 0.05),
+        ),
+        # DiffAero, arXiv:2509.10247: mass and inertia 20 %, torque 25 %, drag 17 %.
+        "diffaero": vary(mass_scale=around(0.2), torque_scale=around(0.25), body_drag_scale=around(0.17)),
+        # Aerial Gym Simulator, IEEE RA-L 2025: gains 20 %, pushes that change.
+        "aerial_gym": vary(
+            rate_gain_scale=around(0.2),
+            attitude_gain_scale=around(0.2),
+            velocity_gain_scale=around(0.2),
+            position_gain_scale=around(0.2),
+            push_mps2=uniform(-0.75, 0.75, when="interval", interval_s=1.0),
+        ),
+        # Ours: what a drone of which one has the data sheet may be off by.
+        "sim2real": vary(
+            mass_scale=around(0.1),
+            stretch=around(0.1),
+            thrust_scale=around(0.1),
+            rotor_thrust_scale=around(0.03),
+            torque_scale=around(0.25),
+            lag_up_scale=around(0.3, group="lag"),
+            lag_down_scale=around(0.3, group="lag"),
+            body_drag_scale=(0.5, 1.5),
+            rotor_drag_scale=(0.5, 1.5),
+            rate_gain_scale=around(0.3),
+            attitude_gain_scale=around(0.2),
+            battery_used=(0.0, 0.8),
+            battery_fall=(0.0, 0.1),
+            push_mps2=normal(0.0, 0.2),
+            action_delay_s=(0.0, 0.02),
+            action_jitter_s=0.005,
+        ),
+    }
+
+
+#: Lists of variations by name, with their sources beside them: "l2f", "omnidrones", "diffaero", "aerial_gym", "sim2real".
+presets: Mapping[str, Sequence[Variation]] = MappingProxyType(_presets())
+
+#: Controllers by name. "gentle": gains by the rotors' lag. "px4": the defaults of PX4 1.15 (MC_ROLL_P 6.5, MC_YAW_P 2.8,
+#: MPC_XY_P 0.95, MPC_XY_VEL_P_ACC 1.8, MPC_XY_VEL_I_ACC 0.4; rates: 0.15 and 0.2 times what a unit of torque does to its
+#: X500). "betaflight": a rate loop as quick as that of Betaflight 4.6 with its default PIDs on a racer of 5 inches.
+controllers: Mapping[str, ControllerConfig] = MappingProxyType(
+    {
+        "gentle": ControllerConfig(),
+        "px4": ControllerConfig(
+            rate_gain_per_s=45.0,
+            yaw_rate_gain_per_s=4.2,
+            attitude_gain_per_s=6.5,
+            yaw_gain_per_s=2.8,
+            velocity_gain_per_s=1.8,
+            velocity_integral_per_s2=0.4,
+            position_gain_per_s=0.95,
+            lead=1.0,
+        ),
+        "betaflight": ControllerConfig(rate_gain_per_s=25.0, lead=1.0),
+    }
+)
+
+
+def describe(env: Any) -> str:
+    """Return what differs from drone to drone in an environment or a `Batch`, a line for each parameter.
+
+    Parameters
+    ----------
+    env
+        A `DroneVectorEnv`, an environment made by Gymnasium, or a `Batch`.
+
+    Returns
+    -------
+    text
+        Each varied parameter with its law, and the least and greatest value that the drones have now.
+    """
+    batch = env if isinstance(env, Batch) else getattr(env, "unwrapped", env).batch
+    laws = batch.config.variations
+    frames = batch.config.frames
+    lines = [f"frames: {len(frames)}, one for each episode"] if len(frames) > 1 else []
+    for law in laws:
+        columns = [i for i, name in enumerate(parameter_names) if law.parameter in (name, name.partition("[")[0])]
+        now = batch.params[:, columns]
+        lines.append(f"{law.parameter}: {_law(law)}; now {now.min():.4g} to {now.max():.4g}")
+    return "\n".join(lines) or "nothing differs"
+
+
+def _law(law: Variation) -> str:
+    if law.law == "choice":
+        drawn = "one of " + ", ".join(f"{value:.4g}" for value in law.values)
+    elif law.low == law.high:
+        return f"{law.low:.4g}, constant"
+    elif law.law == "normal":
+        drawn = f"normal, {law.mean:.4g} +- {law.std:.4g}, within [{law.low:.4g}, {law.high:.4g}]"
+    else:
+        drawn = f"{law.law.replace('_', '-')} in [{law.low:.4g}, {law.high:.4g}]"
+    when = {"start": "once", "reset": "each episode", "interval": f"every {law.interval_s:.4g} s"}[law.when]
+    return f"{drawn}, {when}" + (f", with group {law.group!r}" if law.group else "")

@@ -1,0 +1,470 @@
+"""Drones that differ: each flies as one that is made so, draws follow their laws, and commands come late."""
+
+import numpy as np
+import pytest
+from messages import refused
+from rigid_body import GRAVITY, Body, batch_of, fly_for, frame, plain
+from scipy import stats
+
+import flockstep
+from flockstep import DroneParameters, Variation, parameter_names, vary
+from flockstep.variations import choice, controllers, log_uniform, normal, presets, uniform
+
+FIELDS = tuple(DroneParameters.__match_args__)
+
+
+def columns(field):
+    return [i for i, name in enumerate(parameter_names) if name.partition("[")[0] == field]
+
+
+def defaults():
+    return np.concatenate([np.atleast_1d(np.float32(getattr(DroneParameters(), name))) for name in FIELDS])
+
+
+def row(**values):
+    """The parameters (P,) of a drone."""
+    params = defaults()
+    for field, value in values.items():
+        params[columns(field)] = value
+    return params
+
+
+def constants(**values):
+    """Variations that give each drone these values."""
+    return [
+        Variation(parameter=parameter_names[i], low=v, high=v)
+        for field, value in values.items()
+        for i, v in zip(columns(field), np.broadcast_to(value, len(columns(field))).tolist(), strict=True)
+    ]
+
+
+def as_made(data, **p):
+    """The frame of a drone with these parameters: its mass as points, which are moved one by one."""
+    p = {name: np.float64(np.float32(p.get(name, getattr(DroneParameters(), name)))) for name in FIELDS}
+    inertia = np.array(data["inertia_kgm2"])
+    reach = np.sqrt(0.5 * (inertia.sum() - 2 * inertia) / data["mass_kg"])  # six points, a pair on each axis
+    points = np.concatenate([np.diag(reach), -np.diag(reach)]) * np.sqrt(3) * p["stretch"]
+    masses = np.full(6, data["mass_kg"] / 6) * p["mass_scale"]
+    points = np.vstack([points, [0, 0, -p["payload_below_m"]]])
+    masses = np.append(masses, p["payload_kg"])
+    middle = masses @ points / masses.sum()
+    apart = points - middle
+    rotors, drag = dict(data["rotors"]), dict(data["drag"])
+    hubs = np.array(rotors["position_m"]) * p["arm_scale"] - p["center_m"] - middle
+    rotors |= {
+        "position_m": hubs.tolist(),
+        "thrust_n": (np.array(rotors["thrust_n"]) * p["thrust_scale"]).tolist(),
+        "torque_ratio_m": rotors["torque_ratio_m"] * p["torque_scale"],
+        "lag_up_s": rotors["lag_up_s"] * p["lag_up_scale"],
+        "lag_down_s": rotors["lag_down_s"] * p["lag_down_scale"],
+        "drag_n_per_radps_mps": (np.array(rotors["drag_n_per_radps_mps"]) * p["rotor_drag_scale"]).tolist(),
+        "lift_n_per_mps2": rotors["lift_n_per_mps2"] * p["rotor_drag_scale"],
+    }
+    for name in ("linear_n_per_mps", "quadratic_n_per_mps2"):
+        drag[name] = (np.array(drag[name]) * p["body_drag_scale"]).tolist()
+    return data | {
+        "mass_kg": masses.sum(),
+        "inertia_kgm2": (masses @ (apart**2).sum(1) - masses @ apart**2).tolist(),
+        "rotors": rotors,
+        "drag": drag,
+    }
+
+
+BODIES = {
+    "mass": {"mass_scale": 1.3},
+    "stretch": {"stretch": [1.2, 0.9, 1.1]},
+    "center": {"center_m": [0.004, -0.003, 0.01]},
+    "arm": {"arm_scale": 1.15},
+    "payload": {"payload_kg": 0.2, "payload_below_m": 0.15},
+    "thrust": {"thrust_scale": 0.9, "torque_scale": 1.4},
+    "lag": {"lag_up_scale": 0.7, "lag_down_scale": 1.6},
+    "drag": {"body_drag_scale": 1.7, "rotor_drag_scale": 0.5},
+}
+FULL = frame(drag_n_per_radps_mps=[1e-4, 1.2e-4, 5e-5], lift_n_per_mps2=1e-3)
+
+
+def states_of(batch):
+    arrays = (batch.position, batch.quat_wxyz, batch.velocity, batch.angular_velocity, batch.rotor_speed)
+    return np.concatenate(arrays, axis=1).astype(float)
+
+
+@pytest.mark.parametrize("name", [*BODIES, "all"])
+def test_a_drone_flies_as_a_body_that_is_made_so(name):
+    values = {k: v for each in BODIES.values() for k, v in each.items()} if name == "all" else BODIES[name]
+    batch = batch_of(FULL, variations=constants(**values), physics_hz=1000.0)
+    rng = np.random.default_rng(1)
+    commands = rng.uniform(950, 1250, (30, 1, 4)).astype(np.float32)
+    made = Body([as_made(FULL, **values)])
+    batch.set_pose([[0, 0, 5]], None)
+    start = states_of(batch)
+    if name in ("mass", "payload", "thrust"):  # rotors begin at the hover speed of the drone as it is
+        lift = made.thrust(start[:, 13:]).sum()
+        assert lift == pytest.approx(made.mass[0, 0] * GRAVITY, rel=1e-6)
+    expected = made.fly(start, commands.astype(float), 0.01)[-1]
+    for command in commands:
+        batch.fly(command)
+    np.testing.assert_allclose(states_of(batch), expected, rtol=2e-4, atol=2e-4)
+    plain_batch = batch_of(FULL, physics_hz=1000.0)
+    plain_batch.set_pose([[0, 0, 5]], None)
+    for command in commands:
+        plain_batch.fly(command)
+    assert np.abs(states_of(plain_batch) - expected).max() > 0.01  # the parameters matter
+
+
+def test_single_rotors_lose_thrust():
+    share = [0.9, 1.0, 1.05, 0.8]
+    batch = batch_of(plain(), variations=constants(rotor_thrust_scale=share))
+    batch.set_pose([[0, 0, 5]], None)
+    batch.fly(np.full((1, 4), 1000.0), ticks=1)
+    body = Body([plain()])
+    thrust = body.thrust(np.full((1, 4), 1000.0))[0] * share
+    assert batch.acceleration[0, 2] == pytest.approx(thrust.sum() / body.mass[0, 0] - GRAVITY, rel=1e-5)
+    turning = np.cross(body.hub[0], np.outer(thrust, [0, 0, 1])).sum(0) / body.inertia[0]
+    np.testing.assert_allclose(batch.angular_velocity[0, :2], turning[:2] / 500, rtol=1e-4)
+
+
+LAWS = dict(
+    mass_scale=(0.8, 1.2),
+    stretch=(0.9, 1.1),
+    rotor_thrust_scale=(0.95, 1.05),
+    lag_up_scale=(0.6, 1.5),
+    rate_gain_scale=(0.7, 1.4),
+    velocity_gain_scale=(0.8, 1.2),
+    push_mps2=uniform(-0.5, 0.5, when="interval", interval_s=0.05),
+    wind_mps=(-1.0, 1.0),
+    battery_used=(0.0, 0.9),
+    battery_fall=0.2,
+    battery_sag=0.05,
+    dead_from_s=choice([0.3, 1e6]),
+    dead_rotor=uniform(0, 3.99, when="start"),
+    action_delay_s=(0.0, 0.03),
+    action_jitter_s=0.012,
+    action_loss=0.1,
+)
+
+
+def flown(num, steps=40, seed=3, drones=slice(None), **fields):
+    """States after each step of hovering drones whose numbers all differ; those of some drones."""
+    envs = flockstep.DroneVectorEnv(num_envs=num, task="hover", variations=vary(**LAWS), max_episode_steps=13, **fields)
+    envs.reset(seed=seed)
+    rng = np.random.default_rng(5)
+    states = []
+    for _ in range(steps):
+        envs.step(rng.uniform(-0.3, 0.3, (128, 4)).astype(np.float32)[:num])
+        states.append(np.concatenate([states_of(envs.batch), envs.batch.params, envs.batch.battery[:, None]], axis=1)[drones])
+    envs.close()
+    return np.stack(states)
+
+
+def test_bits_depend_on_neither_threads_nor_neighbours():
+    whole = flown(100)
+    np.testing.assert_array_equal(flown(100, num_threads=2, block_size=7), whole)
+    np.testing.assert_array_equal(flown(21), whole[:, :21])
+    assert len(np.unique(whole[-1, :, 20:], axis=0)) == 100
+
+
+def test_a_snapshot_restores_drones_that_differ():
+    def make():
+        envs = flockstep.DroneVectorEnv(num_envs=20, task="hover", variations=vary(**LAWS), max_episode_steps=13)
+        envs.reset(seed=1)
+        return envs
+
+    first, second = make(), make()
+    actions = np.random.default_rng(2).uniform(-1, 1, (40, 20, 4)).astype(np.float32)
+    for action in actions[:20]:
+        first.step(action)
+    second.batch.restore(first.batch.snapshot())
+    for action in actions[20:]:
+        first.step(action)
+        second.step(action)
+        np.testing.assert_array_equal(states_of(first.batch), states_of(second.batch))
+    for envs in (first, second):
+        envs.close()
+
+
+def test_draws_follow_their_laws():
+    laws = dict(
+        mass_scale=(0.8, 1.2),
+        thrust_scale=log_uniform(0.8, 2.5),
+        push_mps2=normal(0.1, 0.4, -9.0, 9.0),
+        lag_up_scale=choice([0.5, 1.0, 1.5, 2.0]),
+        lag_down_scale=uniform(0.5, 2.0, group="pair"),
+        torque_scale=log_uniform(0.5, 2.0, group="pair"),
+    )
+    n = 1000  # drones, in 1,000 episodes
+    batch = batch_of(frame(), n, variations=vary(**laws))
+    drawn = []
+    for episode in range(1000):
+        batch.begin_episode(np.full(n, episode))
+        drawn.append(batch.params[:, [*columns("mass_scale"), *columns("thrust_scale"), *columns("push_mps2"),
+                                      *columns("lag_up_scale"), *columns("lag_down_scale"), *columns("torque_scale")]])
+    mass, thrust, x, y, z, lag, down, torque = np.concatenate(drawn).astype(float).T
+    for values, mean, std in (
+        ((mass - 0.8) / 0.4, 0.5, np.sqrt(1 / 12)),
+        (np.log(thrust / 0.8) / np.log(2.5 / 0.8), 0.5, np.sqrt(1 / 12)),
+        *(((each - 0.1) / 0.4, 0.0, 1.0) for each in (x, y, z)),
+    ):
+        m = len(values)
+        assert abs(values.mean() - mean) < 3 * std / np.sqrt(m)
+        fourth = ((values - mean) ** 4).mean()
+        assert abs(values.var() - std**2) < 3 * np.sqrt((fourth - std**4) / m)
+    kolmogorov = stats.kstest((x[:50000] - 0.1) / 0.4, "norm").statistic
+    assert kolmogorov < 1.95 / np.sqrt(50000)  # a thousandth by chance
+    shares = np.unique(lag, return_counts=True)[1] / len(lag)
+    assert np.abs(shares - 0.25).max() < 3.5 * np.sqrt(0.25 * 0.75 / len(lag))
+    for other in (thrust, x, lag, np.roll(mass, 1), np.roll(mass, n)):  # other parameters, the next drone and episode
+        assert abs(np.corrcoef(mass, other)[0, 1]) < 4 / np.sqrt(len(mass))
+    np.testing.assert_allclose((down - 0.5) / 1.5, np.log(torque / 0.5) / np.log(4), atol=2e-6)  # the same quantile
+
+
+def test_what_is_drawn_at_the_start_stays_and_intervals_change():
+    envs = flockstep.DroneVectorEnv(
+        num_envs=8,
+        task="hover",
+        variations=vary(
+            mass_scale=uniform(0.9, 1.1, when="start"),
+            thrust_scale=(0.9, 1.1),
+            push_mps2=uniform(-1, 1, when="interval", interval_s=0.1),
+        ),
+        max_episode_steps=12,
+        autoreset_mode="same_step",
+    )
+    envs.reset(seed=0)
+    seen = []
+    for _ in range(24):
+        envs.step(np.zeros((8, 4), np.float32))
+        seen.append(envs.batch.params.copy())
+    seen = np.stack(seen)
+    mass, thrust = seen[:, :, columns("mass_scale")[0]], seen[:, :, columns("thrust_scale")[0]]
+    assert (mass == mass[0]).all()
+    changes = (np.diff(thrust, axis=0) != 0).any(1)
+    assert np.flatnonzero(changes).tolist() == [10, 22]
+    pushes = (np.diff(seen[:, :, columns("push_mps2")[0]], axis=0) != 0).any(1)
+    assert np.flatnonzero(pushes).tolist() == [4, 9, 10, 16, 21, 22]  # every fifth step of an episode, and resets
+    envs.close()
+
+
+def test_a_force_from_outside_moves_the_drone_by_its_closed_form():
+    data = plain(min_speed_radps=0.0)
+    batch = batch_of(data, variations=constants(push_mps2=[1.0, -2.0, 3.0], twist_radps2=[0.0, 0.0, 0.5]))
+    batch.set_pose([[0, 0, 50]], None)
+    fly_for(batch, np.zeros(4), 1.0)
+    np.testing.assert_allclose(batch.position[0], [0.5, -1.0, 50 + 0.5 * (3 - GRAVITY)], atol=2e-4)
+    np.testing.assert_allclose(batch.angular_velocity[0], [0, 0, 0.5], atol=1e-5)
+
+
+def test_wind_is_added():
+    data = plain(linear_n_per_mps=[0.3, 0.3, 0.3], min_speed_radps=0.0)
+    wind = flockstep.WindConfig(mean_mps=(1.0, 0.0, 0.0))
+    batch = batch_of(data, variations=constants(wind_mps=[2.0, -1.0, 0.0]), wind=wind)
+    np.testing.assert_array_equal(batch.wind, [[3.0, -1.0, 0.0]])
+
+
+def test_a_battery_is_used_up_and_rotors_slow_down():
+    values = dict(battery_life_s=20.0, battery_fall=0.3, battery_used=0.1)
+    batch = batch_of(plain(lag_up_s=0.0), variations=constants(**values))
+    batch.set_pose([[0, 0, 500]], None)
+    hover = batch.rotor_speed[0, 0]
+    used = 0.1
+    for _ in range(500):
+        power = (float(batch.rotor_speed[0, 0]) / hover) ** 3
+        batch.fly(np.full((1, 4), hover))
+        used += power * 0.01 / 20
+    assert batch.battery[0] == pytest.approx(used, rel=1e-4)
+    assert batch.rotor_speed[0, 0] == pytest.approx(hover * (1 - 0.3 * used), rel=1e-5)
+    sagging = batch_of(plain(lag_up_s=0.0), variations=constants(battery_sag=0.2))
+    sagging.set_pose([[0, 0, 500]], None)
+    fly_for(sagging, np.full(4, hover), 0.5)
+    most = plain()["rotors"]["max_speed_radps"]
+    speed = sagging.rotor_speed[0, 0]
+    assert speed == pytest.approx(hover * (1 - 0.2 * (speed / most) ** 3), rel=1e-5)
+
+
+def test_a_rotor_dies():
+    data = plain(lag_up_s=0.05, lag_down_s=0.05)
+    batch = batch_of(data, variations=constants(dead_rotor=2.0, dead_from_s=0.2))
+    batch.set_pose([[0, 0, 500]], None)
+    hover = batch.rotor_speed[0, 0]
+    fly_for(batch, np.full(4, hover), 0.2)
+    assert (batch.rotor_speed == hover).all()
+    fly_for(batch, np.full(4, hover), 0.1)
+    np.testing.assert_allclose(batch.rotor_speed[0], hover * np.array([1, 1, np.exp(-0.1 / 0.05), 1]), rtol=1e-5)
+
+
+@pytest.mark.parametrize("control", ["rotor_speeds", "body_rates", "velocity", "attitude"])
+def test_a_command_takes_effect_when_it_arrives(control):
+    middle = {"rotor_speeds": 1050, "body_rates": [10, 0, 0, 0], "velocity": 0, "attitude": [10, 0, 0, 0]}[control]
+    spread = {"rotor_speeds": 100, "body_rates": 1, "velocity": 1, "attitude": 0.2}[control]
+    rng = np.random.default_rng(4)
+    commands = (np.broadcast_to(middle, 4) + rng.uniform(-spread, spread, (30, 1, 4))).astype(np.float32)
+    for delay in (0.004, 0.010, 0.026):
+        late = batch_of(frame(), control=control, variations=constants(action_delay_s=delay))
+        twin = batch_of(frame(), control=control, variations=constants(rate_gain_scale=1.0))
+        ticks = round(delay * 500)
+        for batch in (late, twin):
+            batch.set_pose([[0, 0, 50]], None)
+            batch.begin_episode([0])
+        at = 0
+        for command in commands:
+            late.fly(command)
+            for _ in range(5):
+                sent = max((at - ticks) // 5, 0)  # the first command is there at once
+                twin.fly(commands[sent], ticks=1)
+                at += 1
+            np.testing.assert_array_equal(states_of(late), states_of(twin))
+
+
+def test_a_step_delays_commands_as_fly_does():
+    envs = flockstep.DroneVectorEnv(
+        num_envs=20, task="hover", variations=vary(action_delay_s=(0.0, 0.05), action_jitter_s=0.03, action_loss=0.2)
+    )
+    envs.reset(seed=7)
+    twin = flockstep.Batch(envs.batch.worlds, 20, drone="crazyflie", dynamics=envs.batch.config.dynamics,
+                           clock=envs.batch.config.clock, variations=envs.batch.config.variations)
+    twin.seed(7) if hasattr(twin, "seed") else None
+    rng = np.random.default_rng(0)
+    held = set()
+    for _ in range(30):
+        before = envs.batch.rotor_speed.copy()
+        envs.step(rng.uniform(-1, 1, (20, 4)).astype(np.float32))
+        held.add(int((envs.batch.rotor_speed == before).all(1).sum()))
+    assert len(held) >= 1
+    envs.close()
+
+
+def test_controllers():
+    usual = batch_of(frame("racer5"), control="body_rates")
+    lag = frame("racer5")["rotors"]["lag_up_s"]
+    lead = max(lag / 0.035, 1.0)
+    named = flockstep.ControllerConfig(rate_gain_per_s=0.5 * lead / lag, lead=lead)
+    same = batch_of(frame("racer5"), control="body_rates", controller=named)
+    quick = batch_of(frame("racer5"), control="body_rates", controller=controllers["betaflight"])
+    slow = batch_of(frame("racer5"), control="body_rates", controller=flockstep.ControllerConfig(command_lag_s=0.1))
+    rates = []
+    for batch in (usual, same, quick, slow):
+        batch.set_pose([[0, 0, 50]], None)
+        fly_for(batch, [GRAVITY, 3.0, 0, 0], 0.08)
+        rates.append(batch.angular_velocity[0, 0])
+    assert rates[1] == pytest.approx(rates[0], rel=1e-5)
+    assert rates[2] > 1.1 * rates[0]
+    assert rates[3] < 0.6 * rates[0]
+
+
+def test_gains_are_scaled_as_those_of_a_controller():
+    scaled = batch_of(frame(), control="position", variations=constants(
+        rate_gain_scale=1.5, attitude_gain_scale=0.8, velocity_gain_scale=1.2, position_gain_scale=0.7))
+    lag = frame()["rotors"]["lag_up_s"]
+    rate = 0.5 / lag
+    named = flockstep.ControllerConfig(
+        rate_gain_per_s=1.5 * rate, yaw_rate_gain_per_s=1.5 * rate / 3, attitude_gain_per_s=0.8 * rate / 3,
+        yaw_gain_per_s=0.8 * rate / 9, velocity_gain_per_s=1.2 * rate / 9,
+        velocity_integral_per_s2=1.2 * 0.1 * (rate / 9) ** 2, position_gain_per_s=0.7 * rate / 18)
+    given = batch_of(frame(), control="position", controller=named)
+    for batch in (scaled, given):
+        batch.set_pose([[0, 0, 50]], None)
+        fly_for(batch, [1, 2, 51, 0.5], 1.0)
+    np.testing.assert_allclose(states_of(scaled), states_of(given), rtol=2e-4, atol=2e-4)
+
+
+def test_frames_are_drawn_and_actions_mean_their_own_thrust():
+    names = ["crazyflie", "racer5", "x500", "random/seed-5"]
+    envs = flockstep.DroneVectorEnv(num_envs=64, task="hover", frames=names, autoreset_mode="disabled")
+    envs.reset(seed=0)
+    rows = envs.batch.params[:, -1].astype(int)
+    assert set(rows) == set(range(4))
+    alone = {}
+    for i, name in enumerate(names):
+        one = flockstep.DroneVectorEnv(num_envs=64, task="hover", drone=name, autoreset_mode="disabled")
+        one.reset(seed=0)
+        alone[i] = one
+    actions = np.random.default_rng(1).uniform(-1, 1, (10, 64, 4)).astype(np.float32)
+    for action in actions:
+        seen = envs.step(action)[0]
+        for i, one in alone.items():
+            np.testing.assert_allclose(one.step(action)[0][rows == i], seen[rows == i], rtol=1e-5, atol=1e-5)
+    for each in (envs, *alone.values()):
+        each.close()
+
+
+def test_random_drones_fly():
+    for seed in range(50):
+        drone = flockstep.DroneModel.load(f"random/seed-{seed}").to_dict()
+        assert 0.02 <= drone["mass_kg"] <= 5
+        rotors = drone["rotors"]
+        lift = 4 * rotors["thrust_n"][2] * rotors["max_speed_radps"] ** 2 / (drone["mass_kg"] * GRAVITY)
+        assert 1.5 <= lift <= 5
+
+
+def test_off_gives_the_same_bits():
+    def states(**fields):
+        envs = flockstep.DroneVectorEnv(num_envs=33, task="hover", **fields)
+        envs.reset(seed=2)
+        rng = np.random.default_rng(3)
+        for _ in range(30):
+            envs.step(rng.uniform(-1, 1, (33, 4)).astype(np.float32))
+        seen = states_of(envs.batch)
+        envs.close()
+        return seen
+
+    usual = states()
+    np.testing.assert_array_equal(states(variations=constants(mass_scale=1.0)), usual)
+    np.testing.assert_array_equal(states(variations=vary(mass_scale=(1.0, 1.0 + 1e-7))), usual)
+
+
+def test_params_are_set_by_hand():
+    batch = batch_of(plain(), 20, variations=vary(mass_scale=1.0, push_mps2=0.0))
+    params = np.tile(row(), (20, 1))
+    params[:, columns("mass_scale")[0]] = np.linspace(0.8, 1.2, 20)
+    params[:, columns("push_mps2")[1]] = 2.0
+    batch.set_params(params)
+    np.testing.assert_array_equal(batch.params, params)
+    batch.set_pose(np.tile([0, 0, 50.0], (20, 1)), None)
+    batch.fly(np.full((20, 4), 1000.0), ticks=1)
+    body = Body([plain()])
+    lift = body.thrust(np.full((1, 4), 1000.0)).sum() / (body.mass[0, 0] * np.linspace(0.8, 1.2, 20)) - GRAVITY
+    np.testing.assert_allclose(batch.acceleration[:, 2], lift, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(batch.acceleration[:, 1], 2.0, rtol=1e-5)
+
+
+def test_describe():
+    envs = flockstep.DroneVectorEnv(num_envs=4, task="hover", variations=vary(presets["diffaero"], mass_scale=1.1))
+    text = flockstep.describe(envs)
+    assert "mass_scale: 1.1, constant" in text
+    assert "torque_scale: uniform in [0.75, 1.25], each episode; now" in text
+    envs.close()
+    plain_envs = flockstep.DroneVectorEnv(num_envs=1, task="hover")
+    assert flockstep.describe(plain_envs) == "nothing differs"
+    plain_envs.close()
+
+
+@pytest.mark.parametrize(
+    ("laws", "message"),
+    [
+        ({"mass_scale": (1.2, 0.8)}, "variations.low: ... 1.2"),
+        ({"mass_scale": (0.0, 1.0)}, "variations: mass_scale: ... [0.05, 20] ... 0"),
+        ({"mass_scale": (0.8, float("nan"))}, "variations.high: ... nan"),
+        ({"mas_scale": (0.8, 1.2)}, "variations.parameter: ... mass_scale ... mas_scale"),
+        ({"action_delay_s": (0.0, 1.5)}, "variations: action_delay_s: ... [0, 1] ... 1.5"),
+        ({"mass_scale": (0.8, 10.0)}, "variations of mass and thrust: ... weight"),
+        ({"frame": 3.0}, "variations: frame: ... 3"),
+        ({"thrust_scale": log_uniform(-1.0, 1.0)}, "variations.low: ... log_uniform ... -1"),
+    ],
+)
+def test_bad_laws_are_refused(laws, message):
+    with refused(message):
+        flockstep.DroneVectorEnv(num_envs=1, task="hover", variations=vary(**laws))
+
+
+def test_bad_params_are_refused_before_anything_changes():
+    batch = batch_of(plain(), 2, variations=vary(mass_scale=(0.9, 1.1), action_delay_s=(0.0, 0.01)))
+    before = batch.params.copy()
+    for values, message in (
+        ({"mass_scale": np.nan}, "params: mass_scale: ... nan"),
+        ({"thrust_scale": 1.1}, "params: thrust_scale: ... 1.1"),
+        ({"action_delay_s": 0.02}, "params: action_delay_s: ... 0.01 ... 0.02"),
+    ):
+        with refused(message):
+            batch.set_params(np.stack([row(), row(**values)]))
+        np.testing.assert_array_equal(batch.params, before)
+    with refused("variations: ... kinematic ... some"):
+        flockstep.Batch([flockstep.World.load("train-1")], 1, variations=vary(mass_scale=1.1))
