@@ -63,13 +63,13 @@ def vary(*presets: Iterable[Variation], **laws: Law) -> list[Variation]:
         if not isinstance(law, Variation):
             low, high = law if isinstance(law, tuple) else (law, law)
             law = Variation(low=low, high=high)
-        made[parameter] = Variation(**{**{name: getattr(law, name) for name in law._fields}, "parameter": parameter})
+        given = {each["name"]: getattr(law, each["name"]) for each in Variation._fields}
+        made[parameter] = Variation(**{**given, "parameter": parameter})
     return list(made.values())
 
 
 def _presets() -> dict[str, list[Variation]]:
     around = lambda share, **options: uniform(1 - share, 1 + share, **options)  # noqa: E731
-    hundredth = 9.81 / 20
     return {
         # J. Eschmann et al., "Learning to fly in seconds", IEEE RA-L 2024: a force of a twentieth of the weight. The
         # frames of its successor RAPTOR are the drones "random/seed-N".

@@ -54,7 +54,10 @@ void write_text_file(const std::filesystem::path& path, const std::string& kind,
   const std::filesystem::path place = is_link ? std::filesystem::weakly_canonical(path, error) : path;
   if (error) throw std::invalid_argument(path.string() + ": cannot write " + kind + ": " + error.message());
   std::filesystem::path beside = place;  // unique among all running processes and threads
-  beside += "." + std::to_string(process_id()) + "-" + std::to_string(reinterpret_cast<std::uintptr_t>(&error)) + ".part";
+  for (const std::string& part : {std::string("."), std::to_string(process_id()), std::string("-"),
+                                  std::to_string(reinterpret_cast<std::uintptr_t>(&error)), std::string(".part")}) {
+    beside += part;
+  }
   try {
     errno = 0;
     std::ofstream file(beside, std::ios::binary);
