@@ -234,6 +234,8 @@ void register_batch(py::module_& module) {
       .def_property_readonly("embree_packets", [](const Batch& batch) { return batch.embree().packets; })
       .def_property_readonly("dynamics", [](const Batch& batch) { return batch.config().dynamics; })
       .def_property_readonly("clock", [](const Batch& batch) { return batch.config().clock; })
+      .def_property_readonly("variations", [](const Batch& batch) { return batch.config().variations; })
+      .def_property_readonly("frames", [](const Batch& batch) { return batch.config().frames; })
       .def_property_readonly(
           "worlds",
           [](const Batch& batch) {

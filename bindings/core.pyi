@@ -1530,6 +1530,14 @@ class Batch:
         """The rates, with defaults filled in; a copy."""
 
     @property
+    def variations(self) -> list[Variation]:
+        """What differs from drone to drone; a copy."""
+
+    @property
+    def frames(self) -> list[str]:
+        """Drones whose airframes an episode draws from, empty for that of ``drone`` alone; a copy."""
+
+    @property
     def generation(self) -> int:
         """Number of times that the arrays have moved, from 0; older views no longer change."""
 

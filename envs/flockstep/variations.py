@@ -151,10 +151,8 @@ def describe(env: Any) -> str:
         Each varied parameter with its law, and the least and greatest value that the drones have now.
     """
     batch = env if isinstance(env, Batch) else getattr(env, "unwrapped", env).batch
-    laws = batch.config.variations
-    frames = batch.config.frames
-    lines = [f"frames: {len(frames)}, one for each episode"] if len(frames) > 1 else []
-    for law in laws:
+    lines = [f"frames: {len(batch.frames)}, one for each episode"] if len(batch.frames) > 1 else []
+    for law in batch.variations:
         columns = [i for i, name in enumerate(parameter_names) if law.parameter in (name, name.partition("[")[0])]
         now = batch.params[:, columns]
         lines.append(f"{law.parameter}: {_law(law)}; now {now.min():.4g} to {now.max():.4g}")

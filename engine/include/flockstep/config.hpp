@@ -51,7 +51,7 @@ struct BatchConfig {
   std::vector<Variation> variations;
   std::vector<std::string> frames;
 
-  static constexpr int kMaxDrones = 1 << 20;       // total over all envs
+  static constexpr int kMaxDrones = 1 << 20;        // total over all envs
   static constexpr std::size_t kMaxLights = 4096;   // length of `lights`
   static constexpr std::size_t kMaxFrames = 65536;  // length of `frames`
 

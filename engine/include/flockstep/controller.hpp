@@ -35,8 +35,9 @@ struct ControllerConfig {
                .limits = kGain}),
         field("yaw_rate_gain_per_s", &C::yaw_rate_gain_per_s,
               {.about = "The same about z. None: a third of ``rate_gain_per_s``.", .unit = "1/s", .limits = kGain}),
-        field("attitude_gain_per_s", &C::attitude_gain_per_s,
-              {.about = "Body rate per error of the tilt. None: a third of ``rate_gain_per_s``.", .unit = "1/s", .limits = kGain}),
+        field(
+            "attitude_gain_per_s", &C::attitude_gain_per_s,
+            {.about = "Body rate per error of the tilt. None: a third of ``rate_gain_per_s``.", .unit = "1/s", .limits = kGain}),
         field("yaw_gain_per_s", &C::yaw_gain_per_s,
               {.about = "Yaw rate per error of the heading. None: a third of ``attitude_gain_per_s``.",
                .unit = "1/s",
@@ -61,9 +62,9 @@ struct ControllerConfig {
               {.about = "Time constant with which rotor commands follow the controller, as of a filter before it. 0: none.",
                .unit = "s",
                .limits = between(0, 1)}),
-        field("min_throttle", &C::min_throttle,
-              {.about = "Least thrust that the mixer commands of a rotor, as a share of its greatest.",
-               .limits = between(0, 0.5)}),
+        field(
+            "min_throttle", &C::min_throttle,
+            {.about = "Least thrust that the mixer commands of a rotor, as a share of its greatest.", .limits = between(0, 0.5)}),
         field("max_throttle", &C::max_throttle,
               {.about = "Greatest thrust that the mixer commands of a rotor, as a share of its greatest.",
                .limits = between(0.5, 1)}));

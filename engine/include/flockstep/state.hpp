@@ -193,8 +193,10 @@ struct ParameterState {
                .writer = kWriter,
                .about = "fields of `DroneParameters`, in the order of `parameter_names`. Empty without `variations`"}),
         array("battery", &C::battery,
-              {.values = Values::fraction, .writer = "the step, resets", .about = "share of the charge that is used. Empty "
-                                                                                  "without `variations`"}));
+              {.values = Values::fraction,
+               .writer = "the step, resets",
+               .about = "share of the charge that is used. Empty "
+                        "without `variations`"}));
   }
 };
 
@@ -224,11 +226,11 @@ struct State {
   // Drones, read and written every step.
   std::vector<float> position;
   std::vector<float> quat_wxyz;
-  ContactState contact;  // contacts of the last motion
-  FlightState flight;    // velocities, rotor speeds and wind; empty with kinematic motion
-  BodyState bodies;      // empty if the batch has none
+  ContactState contact;       // contacts of the last motion
+  FlightState flight;         // velocities, rotor speeds and wind; empty with kinematic motion
+  BodyState bodies;           // empty if the batch has none
   ParameterState parameters;  // empty unless drones differ
-  OwnEpisodes own;       // empty unless drones end their episodes separately
+  OwnEpisodes own;            // empty unless drones end their episodes separately
   FlagArray active;
   // Envs.
   std::vector<std::int32_t> world_index;
@@ -245,7 +247,8 @@ struct State {
               {.columns = 3, .unit = "m", .frame = Frame::world, .writer = kWriter, .about = "position"}),
         array("quat_wxyz", &C::quat_wxyz,
               {.columns = 4, .unit = "1", .frame = Frame::world, .writer = kWriter, .about = "orientation, body to world"}),
-        field("contact", &C::contact), field("flight", &C::flight), field("bodies", &C::bodies), field("parameters", &C::parameters), field("own", &C::own),
+        field("contact", &C::contact), field("flight", &C::flight), field("bodies", &C::bodies),
+        field("parameters", &C::parameters), field("own", &C::own),
         array("active", &C::active,
               {.values = Values::flag,
                .writer = "spawn() and remove(); the step with episodes=\"last\"",

@@ -60,7 +60,8 @@ struct DroneParameters {
               {.about = "Centre of mass, from its place in the airframe.", .unit = "m", .limits = within(10)}),
         field("arm_scale", &C::arm_scale,
               {.about = "Factor of the distances of the rotors from the centre; the inertia stays.", .limits = kScale}),
-        field("payload_kg", &C::payload_kg, {.about = "Mass of a point that is carried.", .unit = "kg", .limits = between(0, 1e4)}),
+        field("payload_kg", &C::payload_kg,
+              {.about = "Mass of a point that is carried.", .unit = "kg", .limits = between(0, 1e4)}),
         field("payload_below_m", &C::payload_below_m,
               {.about = "Its distance below the centre of mass.", .unit = "m", .limits = between(0, 10)}),
         field("thrust_scale", &C::thrust_scale, {.about = "Factor of the thrust of all rotors at a speed.", .limits = kScale}),
@@ -72,7 +73,8 @@ struct DroneParameters {
         field("body_drag_scale", &C::body_drag_scale, {.about = "Factor of the drag of the body.", .limits = between(0, 20)}),
         field("rotor_drag_scale", &C::rotor_drag_scale,
               {.about = "Factor of drag and lift of the rotors.", .limits = between(0, 20)}),
-        field("rate_gain_scale", &C::rate_gain_scale, {.about = "Factor of the controller's gains of the rates.", .limits = kScale}),
+        field("rate_gain_scale", &C::rate_gain_scale,
+              {.about = "Factor of the controller's gains of the rates.", .limits = kScale}),
         field("attitude_gain_scale", &C::attitude_gain_scale,
               {.about = "Factor of its gains of tilt and heading.", .limits = kScale}),
         field("velocity_gain_scale", &C::velocity_gain_scale,
@@ -88,8 +90,9 @@ struct DroneParameters {
         field("battery_sag", &C::battery_sag,
               {.about = "Share of the rotors' speed that is lost at full power, by the resistance of the battery.",
                .limits = between(0, 0.9)}),
-        field("dead_rotor", &C::dead_rotor, {.about = "Number of the rotor that dies; fractions count as the number below.",
-                                             .limits = Limits{.least = 0, .greatest = 4, .excludes_greatest = true}}),
+        field("dead_rotor", &C::dead_rotor,
+              {.about = "Number of the rotor that dies; fractions count as the number below.",
+               .limits = Limits{.least = 0, .greatest = 4, .excludes_greatest = true}}),
         field("dead_from_s", &C::dead_from_s,
               {.about = "Time in the episode, rounded to control steps, from which it is dead.",
                .unit = "s",
@@ -133,8 +136,8 @@ struct EnumNames<DrawnAt> {
   static constexpr std::array kNames{"start", "reset", "interval"};
 };
 
-// How a parameter of the drones is drawn. All draws are keyed by the env's seed, the drone and the episode, so they do not depend on
-// threads or on other drones.
+// How a parameter of the drones is drawn. All draws are keyed by the env's seed, the drone and the episode, so they do not depend
+// on threads or on other drones.
 struct Variation {
   std::string parameter;
   float low = 1.0F;
@@ -150,9 +153,10 @@ struct Variation {
   static constexpr auto fields() {
     using C = Variation;
     return field_list(
-        field("parameter", &C::parameter,
-              {.about = "Name of a field of `DroneParameters`, such as ``\"mass_scale\"``. An array draws each element by itself; "
-                        "``\"stretch[2]\"`` is one element."}),
+        field(
+            "parameter", &C::parameter,
+            {.about = "Name of a field of `DroneParameters`, such as ``\"mass_scale\"``. An array draws each element by itself; "
+                      "``\"stretch[2]\"`` is one element."}),
         field("low", &C::low, {.about = "Least value.", .limits = within(1e6)}),
         field("high", &C::high, {.about = "Greatest value; equal to ``low`` for a constant.", .limits = within(1e6)}),
         field("law", &C::law,

@@ -33,7 +33,8 @@ class CommandRing {
   // the order in which they were given.
   template <class F>
   void for_each(DroneIndex drone, std::int64_t from, std::int64_t to, const F& f) const {
-    const std::int64_t newest = count_[drone] - 1, oldest = std::max<std::int64_t>(count_[drone] - static_cast<std::int64_t>(size_), 0);
+    const std::int64_t newest = count_[drone] - 1,
+                       oldest = std::max<std::int64_t>(count_[drone] - static_cast<std::int64_t>(size_), 0);
     std::int64_t held = newest;
     while (held > oldest && arrival_[place(drone, held)] > from) --held;
     for (std::int64_t i = held; i <= newest; ++i) {

@@ -156,8 +156,8 @@ Fleet::Fleet(std::span<const Airframe> frames, std::span<const std::int32_t> ind
   if (airframes.size() > 1 || variations.differ()) lane_numbers.resize((num_drones + kLanes - 1) / kLanes);
   for (std::size_t drone = 0; drone < num_drones; ++drone) renew(DroneIndex(drone), {});
   if (!variations.empty() && lane_numbers.empty()) {  // all drones differ from the airframe in the same way
-    physics.numbers = dynamics::numbers_of(airframes[0], numbers[0], least, config, clock.dt_s(),
-                                           clock.dt_s() * clock.control_ticks());
+    physics.numbers =
+        dynamics::numbers_of(airframes[0], numbers[0], least, config, clock.dt_s(), clock.dt_s() * clock.control_ticks());
     std::array<const AirframeNumbers<float>*, kLanes> same;
     same.fill(&physics.numbers);
     set_lanes(same, physics.lanes);
@@ -166,8 +166,8 @@ Fleet::Fleet(std::span<const Airframe> frames, std::span<const std::int32_t> ind
 
 void Fleet::turn_on(const DroneParameters& least, const DroneParameters& greatest) {
   const auto is_any = [](const auto& values) { return std::ranges::any_of(values, [](float v) { return v != 0.0F; }); };
-  physics.pushed |= is_any(least.push_mps2) || is_any(greatest.push_mps2) || is_any(least.twist_radps2) ||
-                    is_any(greatest.twist_radps2);
+  physics.pushed |=
+      is_any(least.push_mps2) || is_any(greatest.push_mps2) || is_any(least.twist_radps2) || is_any(greatest.twist_radps2);
   physics.drains |= greatest.battery_fall > 0.0F || greatest.battery_sag > 0.0F || least.dead_from_s < kNever;
 }
 
@@ -185,8 +185,7 @@ void Fleet::renew(DroneIndex drone, const DroneParameters& parameters) {
   if (lane_numbers.empty()) return;
   const AirframeNumbers<float>& known = numbers[airframe_row(drone)];
   const double dt = clock.dt_s();
-  set_lane(variations.empty() ? known
-                              : dynamics::numbers_of(frame, known, parameters, config, dt, dt * clock.control_ticks()),
+  set_lane(variations.empty() ? known : dynamics::numbers_of(frame, known, parameters, config, dt, dt * clock.control_ticks()),
            drone % kLanes, lane_numbers[drone / kLanes]);
 }
 

@@ -93,7 +93,7 @@ struct Fleet {
   Physics physics;                          // terms of all drones, numbers of the first airframe or of all drones alike
   std::vector<Airframe> true_airframes;     // (N,); empty if all drones are as their airframe
   AlignedVector<LaneNumbers> lane_numbers;  // of kLanes consecutive drones each; empty if all drones have the same
-  const std::vector<WashNumbers> wash;                // one for each airframe
+  const std::vector<WashNumbers> wash;      // one for each airframe
   const Wind wind;
   // (N, 4) share of its thrust that each rotor keeps in the wash of other drones, written by Downwash; empty without downwash.
   std::vector<float> thrust_share;

@@ -41,7 +41,6 @@ struct alignas(64) Flock {
   Lane height{};                  // m above the ground at the start of the leg; infinite without ground
   Lanes<kRotors> thrust_share{};  // share of its thrust that each rotor keeps in the wash of other drones; see Fleet
   Lanes<7> setpoint{};            // see Stage
-  std::span<Arrival> arrivals{};  // further setpoints, in the order in which they were commanded
   Lanes<kRotors> speed_share{};   // share of its commanded speed that each rotor is driven to; read if Physics::drains
   Lanes<3> push{};                // m/s^2, world frame; acceleration by a force from outside; read if Physics::pushed
   Lanes<3> twist{};               // rad/s^2, angular acceleration by a torque from outside; read if Physics::pushed
@@ -54,6 +53,8 @@ struct alignas(64) Flock {
   Lanes<3> origin{};     // m, start of the leg, or of its part after the last contact
   Lanes<3> position{};   // m, origin + travelled
   Lanes<3> remainder{};  // m, float32 rounding error of the position
+  // Further setpoints, in the order of their commands. The last member, so that all lanes are aligned.
+  std::span<Arrival> arrivals{};
 };
 
 // The stage of the controller cascade that takes the setpoint, and the numbers of that setpoint.
@@ -103,10 +104,10 @@ struct AirframeNumbers {
   std::array<T, 3> linear_drag{}, quadratic_drag{};
   // the rotors
   std::array<std::array<T, 3>, kRotors> position{};
-  std::array<T, kRotors> yaw_sign{};    // sign of the torque about z: -1 for a rotor that turns counter-clockwise
-  std::array<T, kRotors> yaw_torque{};  // m, signed torque about z over thrust
+  std::array<T, kRotors> yaw_sign{};               // sign of the torque about z: -1 for a rotor that turns counter-clockwise
+  std::array<T, kRotors> yaw_torque{};             // m, signed torque about z over thrust
   std::array<std::array<T, 3>, kRotors> thrust{};  // c0, c1, c2 of each rotor
-  T keep_half_up{}, keep_up{};  // share of a speed difference left after half a tick and after a tick
+  T keep_half_up{}, keep_up{};                     // share of a speed difference left after half a tick and after a tick
   T keep_half_down{}, keep_down{};
   T inverse_lag_up{}, inverse_lag_down{};  // 1/s; 0 without a lag
   T rotor_inertia{};
@@ -119,7 +120,7 @@ struct AirframeNumbers {
   std::array<T, 3> known_inertia{};
   T min_speed{}, max_speed{};
   T min_thrust{}, max_thrust{};
-  T thrust_tiny{};                 // N, a millionth of the largest thrust
+  T thrust_tiny{};                  // N, a millionth of the largest thrust
   std::array<T, 3> known_thrust{};  // c0, c1, c2
   // speed = (sqrt(discriminant + 4 c2 thrust) - c1) / (2 c2), or (thrust - c0) / c1 if c2 is 0
   T discriminant{}, four_c2{}, half_over_c2{}, one_over_c1{};

@@ -26,8 +26,8 @@ double normal_quantile(double u);
 class Variations {
  public:
   Variations() = default;
-  // Throws std::invalid_argument for an unknown parameter, one that is drawn twice, and values outside its limits. num_frames: rows
-  // of the table of airframes; with several, episodes draw one unless a variation does.
+  // Throws std::invalid_argument for an unknown parameter, one that is drawn twice, and values outside its limits. num_frames:
+  // rows of the table of airframes; with several, episodes draw one unless a variation does.
   Variations(std::span<const Variation> variations, std::size_t num_frames, const ClockConfig& clock);
 
   bool empty() const { return entries_.empty(); }

@@ -180,22 +180,23 @@ class GroupFlight {
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       std::size_t count = 0;
       const std::int64_t start = step_start(lane);
-      fleet_.commands.for_each(group_[lane], start + first_tick, start + first_tick + ticks, [&](const float* command, std::int64_t at) {
-        SetpointInput input{.step_s = static_cast<float>(fleet_.clock.step_s())};
-        if (control_of(commands) == Control::position) input.now = pose_of(state_, group_[lane]);
-        std::copy_n(command, 4, input.command.data());
-        const auto setpoint = setpoint_of(control_of(commands), fleet_.airframe_of(group_[lane]), input);
-        if (count == 0) {
-          for (std::size_t k = 0; k < setpoint.size(); ++k) flock_.setpoint[k][lane] = setpoint[k];
-        } else {
-          if (count > arrivals.size()) arrivals.emplace_back();
-          if (count > used) arrivals[used++].tick.fill(std::numeric_limits<float>::infinity());
-          Arrival& arrival = arrivals[count - 1];
-          arrival.tick[lane] = static_cast<float>(at - start);
-          for (std::size_t k = 0; k < setpoint.size(); ++k) arrival.setpoint[k][lane] = setpoint[k];
-        }
-        ++count;
-      });
+      fleet_.commands.for_each(group_[lane], start + first_tick, start + first_tick + ticks,
+                               [&](const float* command, std::int64_t at) {
+                                 SetpointInput input{.step_s = static_cast<float>(fleet_.clock.step_s())};
+                                 if (control_of(commands) == Control::position) input.now = pose_of(state_, group_[lane]);
+                                 std::copy_n(command, 4, input.command.data());
+                                 const auto setpoint = setpoint_of(control_of(commands), fleet_.airframe_of(group_[lane]), input);
+                                 if (count == 0) {
+                                   for (std::size_t k = 0; k < setpoint.size(); ++k) flock_.setpoint[k][lane] = setpoint[k];
+                                 } else {
+                                   if (count > arrivals.size()) arrivals.emplace_back();
+                                   if (count > used) arrivals[used++].tick.fill(std::numeric_limits<float>::infinity());
+                                   Arrival& arrival = arrivals[count - 1];
+                                   arrival.tick[lane] = static_cast<float>(at - start);
+                                   for (std::size_t k = 0; k < setpoint.size(); ++k) arrival.setpoint[k][lane] = setpoint[k];
+                                 }
+                                 ++count;
+                               });
     }
     flock_.arrivals = std::span(arrivals).first(used);
   }

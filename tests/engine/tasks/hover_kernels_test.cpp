@@ -14,7 +14,18 @@ using namespace testing;
 using Vec3d = Eigen::Vector3d;
 
 constexpr float kSpinUnit = 10.0F;
-constexpr RotorUnits kRotorUnits{1500.0F, 1.0F / 1300.0F, 1.0F / 900.0F};
+constexpr float kHovering = 1500.0F;  // rad/s, and 1 more for each drone
+
+RotorUnits rotor_units() {
+  RotorUnits units;
+  for (std::size_t i = 0; i < kLanes; ++i) {
+    units.hovering[i] = kHovering + static_cast<float>(i);
+    units.inverse_below[i] = 1.0F / 1300.0F;
+    units.inverse_above[i] = 1.0F / 900.0F;
+  }
+  return units;
+}
+
 constexpr double kReach = 0.1;  // m
 
 // Sixteen drones in flight, at distances from very near to far from the point that they hold.
@@ -58,7 +69,7 @@ struct Result {
 Result run(const HoverRows& rows) {
   Result result{};
   score_hover(rows, kReach, result.scores);
-  observe_hover(rows, kRotorUnits, kSpinUnit, result.observed.data());
+  observe_hover(rows, rotor_units(), kSpinUnit, result.observed.data());
   return result;
 }
 
@@ -114,7 +125,7 @@ TEST(HoverKernels, ObserveTheStateInTheBodyFrame) {
         EXPECT_NEAR(row[9 + k], spin[k], 1e-6);
       }
       for (std::size_t k = 0; k < 4; ++k) {
-        const double away = static_cast<double>(flights.rotor[4 * i + k]) - 1500.0;
+        const double away = static_cast<double>(flights.rotor[4 * i + k]) - static_cast<double>(rotor_units().hovering[i]);
         EXPECT_NEAR(row[12 + k], away < 0.0 ? away / 1300.0 : away / 900.0, 1e-6);
       }
     }
