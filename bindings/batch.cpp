@@ -321,6 +321,12 @@ void register_batch(py::module_& module) {
           },
           py::arg("params"), py::arg("mask") = none)
       .def(
+          "set_variations",
+          [](Batch& batch, const std::vector<Variation>& variations) {
+            in_turn(batch, [&] { batch.set_variations(variations); });
+          },
+          py::arg("variations"))
+      .def(
           "fly",
           [](const py::object& self, const py::object& command, const py::object& ticks, const py::object& mask,
              const py::object& control) {

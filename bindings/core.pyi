@@ -1679,6 +1679,13 @@ class Batch:
         nothing changes.
         """
 
+    def set_variations(self, variations: list[Variation]) -> None:
+        """Replace the laws of `variations` for the next draws, as a curriculum does.
+
+        They have to be about the same parameters as before, without longer delays. Otherwise `ValueError` names the
+        parameter, and nothing changes.
+        """
+
     def fly(
         self,
         command: npt.ArrayLike,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -10,6 +10,8 @@ from flockstep._core import Batch, ControllerConfig, Variation, parameter_names
 
 #: A law: a number (a constant), a pair of bounds (uniform), or a `Variation` of any parameter.
 Law = float | tuple[float, float] | Variation
+#: Laws by the fraction of a training that is done, for `Curriculum`.
+Schedule = Callable[[float], list[Variation]]
 
 
 def log_uniform(low: float, high: float, **options: Any) -> Variation:
@@ -18,7 +20,7 @@ def log_uniform(low: float, high: float, **options: Any) -> Variation:
 
 
 def uniform(low: float, high: float, **options: Any) -> Variation:
-    """Return the law of a uniform number, for `vary`. Options are fields of `Variation`, such as ``when="interval"``."""
+    """Return the law of a uniform number, for `vary`. Options: fields of `Variation`, such as ``when="interval"``."""
     return Variation(low=low, high=high, **options)
 
 
@@ -63,13 +65,19 @@ def vary(*presets: Iterable[Variation], **laws: Law) -> list[Variation]:
         if not isinstance(law, Variation):
             low, high = law if isinstance(law, tuple) else (law, law)
             law = Variation(low=low, high=high)
-        given = {each["name"]: getattr(law, each["name"]) for each in Variation._fields}
-        made[parameter] = Variation(**{**given, "parameter": parameter})
+        made[parameter] = _changed(law, parameter=parameter)
     return list(made.values())
 
 
+def _changed(law: Variation, **changes: Any) -> Variation:
+    """Return a copy with other values of some fields."""
+    return Variation(**{**{name: getattr(law, name) for name in Variation.__match_args__}, **changes})
+
+
 def _presets() -> dict[str, list[Variation]]:
-    around = lambda share, **options: uniform(1 - share, 1 + share, **options)  # noqa: E731
+    def around(share: float, **options: Any) -> Variation:
+        return uniform(1 - share, 1 + share, **options)
+
     return {
         # J. Eschmann et al., "Learning to fly in seconds", IEEE RA-L 2024: a force of a twentieth of the weight. The
         # frames of its successor RAPTOR are the drones "random/seed-N".
@@ -113,12 +121,12 @@ def _presets() -> dict[str, list[Variation]]:
     }
 
 
-#: Lists of variations by name, with their sources beside them: "l2f", "omnidrones", "diffaero", "aerial_gym", "sim2real".
+#: Lists of variations by name: "l2f", "omnidrones", "diffaero", "aerial_gym" and "sim2real". The code names the sources.
 presets: Mapping[str, Sequence[Variation]] = MappingProxyType(_presets())
 
-#: Controllers by name. "gentle": gains by the rotors' lag. "px4": the defaults of PX4 1.15 (MC_ROLL_P 6.5, MC_YAW_P 2.8,
-#: MPC_XY_P 0.95, MPC_XY_VEL_P_ACC 1.8, MPC_XY_VEL_I_ACC 0.4; rates: 0.15 and 0.2 times what a unit of torque does to its
-#: X500). "betaflight": a rate loop as quick as that of Betaflight 4.6 with its default PIDs on a racer of 5 inches.
+#: Controllers by name. "gentle": gains by the rotors' lag. "px4": the defaults of PX4 1.15 (MC_ROLL_P 6.5, MC_YAW_P
+#: 2.8, MPC_XY_P 0.95, MPC_XY_VEL_P_ACC 1.8, MPC_XY_VEL_I_ACC 0.4; rates: 0.15 and 0.2 times what a unit of torque does
+#: to its X500). "betaflight": a rate loop as quick as Betaflight 4.6 has with default PIDs on a racer of 5 inches.
 controllers: Mapping[str, ControllerConfig] = MappingProxyType(
     {
         "gentle": ControllerConfig(),
@@ -137,6 +145,113 @@ controllers: Mapping[str, ControllerConfig] = MappingProxyType(
 )
 
 
+def ramp(first: Sequence[Variation], last: Sequence[Variation], until: float = 0.5) -> Schedule:
+    """Return a schedule for `Curriculum` whose laws go from those of ``first`` to those of ``last``.
+
+    Parameters
+    ----------
+    first, last
+        Lists of `vary` of the same parameters with the same kinds of laws. Bounds, means and standard deviations are
+        interpolated linearly.
+    until
+        Fraction of the training, in (0, 1], after which the laws are those of ``last``.
+    """
+    if [(each.parameter, each.law) for each in first] != [(each.parameter, each.law) for each in last]:
+        raise ValueError(
+            "first, last: expected laws of the same kind for the same parameters in the same order, "
+            f"got {[each.parameter for each in first]} and {[each.parameter for each in last]}"
+        )
+    if not 0.0 < until <= 1.0:
+        raise ValueError(f"until: expected a number in (0, 1], got {until!r}")
+
+    def laws(done: float) -> list[Variation]:
+        share = min(done / until, 1.0)
+        between = lambda a, b: a + share * (b - a)  # noqa: E731
+        return [
+            _changed(
+                b, **{name: between(getattr(a, name), getattr(b, name)) for name in ("low", "high", "mean", "std")}
+            )
+            for a, b in zip(first, last, strict=True)
+        ]
+
+    return laws
+
+
+class Curriculum:
+    """A callback of a training that changes how the drones differ, by `PPO` or by Stable-Baselines3.
+
+    Parameters
+    ----------
+    env
+        The environment that is trained in. Its ``variations`` list every parameter of the schedule from the start, and
+        the longest delay.
+    schedule
+        A function of the fraction of the training that is done, from 0 to 1, which returns a list of `vary`. `ramp`
+        makes one. It is called before each rollout, and its laws hold from the next draw on.
+
+    Examples
+    --------
+    >>> import flockstep
+    >>> from flockstep.variations import Curriculum, ramp
+    >>> easy, hard = flockstep.vary(mass_scale=(1.0, 1.0)), flockstep.vary(mass_scale=(0.7, 1.3))
+    >>> envs = flockstep.DroneVectorEnv(num_envs=64, task=flockstep.HoverConfig(), variations=easy)
+    >>> model = flockstep.PPO("MlpPolicy", envs, n_steps=16, batch_size=512)
+    >>> model = model.learn(4096, Curriculum(envs, ramp(easy, hard)), log_interval=None)
+    >>> envs.close()
+
+    """
+
+    need_infos = False  # so that a training in the engine stays there
+
+    def __init__(self, env: Any, schedule: Schedule) -> None:
+        if not callable(schedule):
+            raise TypeError(f"schedule: expected a function of the fraction that is done, got {schedule!r}")
+        self._batch, self._schedule = batch_of(env), schedule
+        self._model: Any = None
+        self._now: list[Variation] | None = None
+
+    def init_callback(self, model: Any) -> None:
+        """Get the model."""
+        self._model = model
+
+    def on_training_start(self, local: Any, global_: Any) -> None:
+        """Do nothing."""
+
+    def update_locals(self, local: Any) -> None:
+        """Do nothing."""
+
+    def on_rollout_start(self) -> None:
+        """Set the laws of this rollout."""
+        laws = self._schedule(min(self._model.num_timesteps / max(self._model._total_timesteps, 1), 1.0))
+        if not isinstance(laws, list) or not all(isinstance(law, Variation) for law in laws):
+            raise TypeError(f"schedule: expected a list of Variation, such as vary() returns, got {laws!r}")
+        if laws != self._now:
+            self._batch.set_variations(laws)
+            self._now = laws
+
+    def on_step(self) -> bool:
+        """Go on."""
+        return True
+
+    def on_rollout_end(self) -> None:
+        """Do nothing."""
+
+    def on_training_end(self) -> None:
+        """Do nothing."""
+
+    def __call__(self, local: dict[str, Any], global_: dict[str, Any]) -> bool:
+        """Set the laws in a step of Stable-Baselines3, which takes functions as callbacks."""
+        self._model = local["self"]
+        self.on_rollout_start()
+        return True
+
+
+def batch_of(env: Any) -> Batch:
+    """Return the `Batch` of an environment."""
+    found: Batch = env if isinstance(env, Batch) else getattr(env, "unwrapped", env).batch
+    return found
+
+
 def describe(env: Any) -> str:
     """Return what differs from drone to drone in an environment or a `Batch`, a line for each parameter.
 
@@ -150,7 +265,7 @@ def describe(env: Any) -> str:
     text
         Each varied parameter with its law, and the least and greatest value that the drones have now.
     """
-    batch = env if isinstance(env, Batch) else getattr(env, "unwrapped", env).batch
+    batch = batch_of(env)
     lines = [f"frames: {len(batch.frames)}, one for each episode"] if len(batch.frames) > 1 else []
     for law in batch.variations:
         columns = [i for i, name in enumerate(parameter_names) if law.parameter in (name, name.partition("[")[0])]

@@ -258,6 +258,15 @@ void Batch::set_params(std::span<const float> params, DroneMask mask) {
   });
 }
 
+void Batch::set_variations(const std::vector<Variation>& variations) {
+  const CallGuard guard(*lock_);
+  checks::not_stepping(*sim_, "set_variations");
+  require(sim_->fleet && sim_->fleet->has_parameters(), "set_variations", "a batch with variations", "one without");
+  for (const Variation& variation : variations) variation.validate();
+  sim_->fleet->set_variations(dynamics::Variations(variations, sim_->fleet->airframes.size(), sim_->fleet->clock));
+  sim_->config.variations = variations;
+}
+
 void Batch::fly(std::span<const float> command, int ticks, DroneMask mask, std::optional<Control> control) {
   const LongCallGuard guard(*lock_);
   checks::not_stepping(*sim_, "fly");

@@ -20,6 +20,7 @@ class CommandRing {
       : size_(most + 2), command_(4 * size_ * num_drones), arrival_(size_ * num_drones), count_(num_drones) {}
 
   bool empty() const { return size_ == 0; }
+  std::size_t most() const { return empty() ? 0 : size_ - 2; }
   bool has_none(DroneIndex drone) const { return count_[drone] == 0; }
   void clear(DroneIndex drone) { count_[drone] = 0; }
   // Adds a command that takes effect at this tick of the episode.

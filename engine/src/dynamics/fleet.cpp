@@ -206,6 +206,27 @@ void Fleet::begin_parameters(State& state, DroneIndex drone) {
   apply_parameters(state, drone);
 }
 
+void Fleet::set_variations(const Variations& next) {
+  for (std::size_t i = 0; i < kNumParameters; ++i) {
+    require(next.lists(i) == variations.lists(i), "variations", "laws of the same parameters as before",
+            (next.lists(i) ? "also " : "none of ") + parameter_names()[i]);
+  }
+  require(commands_under_way(next, clock) <= commands.most(), "variations: action_delay_s, action_jitter_s",
+          "at most the delay and jitter that the batch was made with (" +
+              std::to_string(static_cast<double>(commands.most()) * clock.dt_s()) + " s)",
+          next.greatest().action_delay_s + next.greatest().action_jitter_s);
+  require(!commands.empty() || next.greatest().action_loss <= 0.0F, "variations: action_loss", "0, as in the batch's making",
+          next.greatest().action_loss);
+  (void)checked(airframes, config, clock, next);
+  for (const Airframe& frame : airframes) {
+    require(!physics.is_rk4 || can_rk4(stiffest(frame, next), config, clock.dt_s()), "variations: lag_up_scale, lag_down_scale",
+            "a lag of at least half a tick", std::min(next.least().lag_up_scale, next.least().lag_down_scale));
+  }
+  variations = next;
+  turn_on(next.least(), next.greatest());
+  if (next.differ()) part();
+}
+
 void Fleet::check_parameters(std::span<const float> numbers_given) const {
   dynamics::check_parameters(numbers_given, "params: ");
   DroneParameters p;

@@ -60,6 +60,8 @@ struct Fleet {
   // Draws the parameters of the drone's episode. redraw: those that change at the tick of a control step that is about to begin.
   void begin_parameters(State& state, DroneIndex drone);
   void redraw_parameters(State& state, std::span<const DroneIndex> drones, int ticks_ahead);
+  // Replaces the laws of the next draws. Throws std::invalid_argument unless they are about the same parameters.
+  void set_variations(const Variations& next);
   // Throws std::invalid_argument unless a drone may have these parameters: those that no variation lists keep their defaults.
   void check_parameters(std::span<const float> parameters) const;
   void part();  // gives each drone its own coefficients, before some are set
@@ -89,7 +91,7 @@ struct Fleet {
   const std::vector<Airframe> airframes;              // the table
   const std::vector<AirframeNumbers<float>> numbers;  // one for each airframe
   std::vector<std::int32_t> airframe_index;           // (N,); empty if the table has one row
-  const Variations variations;
+  Variations variations;
   Physics physics;                          // terms of all drones, numbers of the first airframe or of all drones alike
   std::vector<Airframe> true_airframes;     // (N,); empty if all drones are as their airframe
   AlignedVector<LaneNumbers> lane_numbers;  // of kLanes consecutive drones each; empty if all drones have the same

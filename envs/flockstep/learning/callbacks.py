@@ -46,7 +46,7 @@ class Callbacks:
     @property
     def need_infos(self) -> bool:
         """True if a callback may read infos."""
-        return bool(self._functions or self._objects)
+        return bool(self._functions) or any(getattr(each, "need_infos", True) for each in self._objects)
 
     def start(self, local: dict[str, Any], global_: dict[str, Any]) -> None:
         """Call ``on_training_start``."""
@@ -61,7 +61,7 @@ class Callbacks:
     def step(self, stepped: Stepped) -> bool:
         """Call ``on_step`` and the functions; return False if one of them stops the training."""
         if not self.need_infos:
-            return True
+            return all(_goes_on(callback.on_step()) for callback in self._objects)
         self._locals = {
             "self": self._model,
             "rewards": stepped.rewards,
@@ -79,7 +79,8 @@ class Callbacks:
     def end_rollout(self) -> None:
         """Call ``on_rollout_end``."""
         for callback in self._objects:
-            callback.update_locals(self._locals)
+            if self._locals:
+                callback.update_locals(self._locals)
             callback.on_rollout_end()
 
     def end(self) -> None:

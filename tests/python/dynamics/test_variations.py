@@ -8,7 +8,7 @@ from scipy import stats
 
 import flockstep
 from flockstep import DroneParameters, Variation, parameter_names, vary
-from flockstep.variations import choice, controllers, log_uniform, normal, presets, uniform
+from flockstep.variations import Curriculum, choice, controllers, log_uniform, normal, presets, ramp, uniform
 
 FIELDS = tuple(DroneParameters.__match_args__)
 
@@ -123,35 +123,39 @@ def test_single_rotors_lose_thrust():
     np.testing.assert_allclose(batch.angular_velocity[0, :2], turning[:2] / 500, rtol=1e-4)
 
 
-LAWS = dict(
-    mass_scale=(0.8, 1.2),
-    stretch=(0.9, 1.1),
-    rotor_thrust_scale=(0.95, 1.05),
-    lag_up_scale=(0.6, 1.5),
-    rate_gain_scale=(0.7, 1.4),
-    velocity_gain_scale=(0.8, 1.2),
-    push_mps2=uniform(-0.5, 0.5, when="interval", interval_s=0.05),
-    wind_mps=(-1.0, 1.0),
-    battery_used=(0.0, 0.9),
-    battery_fall=0.2,
-    battery_sag=0.05,
-    dead_from_s=choice([0.3, 1e6]),
-    dead_rotor=uniform(0, 3.99, when="start"),
-    action_delay_s=(0.0, 0.03),
-    action_jitter_s=0.012,
-    action_loss=0.1,
-)
+LAWS = {
+    "mass_scale": (0.8, 1.2),
+    "stretch": (0.9, 1.1),
+    "rotor_thrust_scale": (0.95, 1.05),
+    "lag_up_scale": (0.6, 1.5),
+    "rate_gain_scale": (0.7, 1.4),
+    "velocity_gain_scale": (0.8, 1.2),
+    "push_mps2": uniform(-0.5, 0.5, when="interval", interval_s=0.05),
+    "wind_mps": (-1.0, 1.0),
+    "battery_used": (0.0, 0.9),
+    "battery_fall": 0.2,
+    "battery_sag": 0.05,
+    "dead_from_s": choice([0.3, 1e6]),
+    "dead_rotor": uniform(0, 3.99, when="start"),
+    "action_delay_s": (0.0, 0.03),
+    "action_jitter_s": 0.012,
+    "action_loss": 0.1,
+}
 
 
 def flown(num, steps=40, seed=3, drones=slice(None), **fields):
     """States after each step of hovering drones whose numbers all differ; those of some drones."""
-    envs = flockstep.DroneVectorEnv(num_envs=num, task=flockstep.HoverConfig(), variations=vary(**LAWS), max_episode_steps=13, **fields)
+    envs = flockstep.DroneVectorEnv(
+        num_envs=num, task=flockstep.HoverConfig(), variations=vary(**LAWS), max_episode_steps=13, **fields
+    )
     envs.reset(seed=seed)
     rng = np.random.default_rng(5)
     states = []
     for _ in range(steps):
         envs.step(rng.uniform(-0.3, 0.3, (128, 4)).astype(np.float32)[:num])
-        states.append(np.concatenate([states_of(envs.batch), envs.batch.params, envs.batch.battery[:, None]], axis=1)[drones])
+        states.append(
+            np.concatenate([states_of(envs.batch), envs.batch.params, envs.batch.battery[:, None]], axis=1)[drones]
+        )
     envs.close()
     return np.stack(states)
 
@@ -165,7 +169,9 @@ def test_bits_depend_on_neither_threads_nor_neighbours():
 
 def test_a_snapshot_restores_drones_that_differ():
     def make():
-        envs = flockstep.DroneVectorEnv(num_envs=20, task=flockstep.HoverConfig(), variations=vary(**LAWS), max_episode_steps=13)
+        envs = flockstep.DroneVectorEnv(
+            num_envs=20, task=flockstep.HoverConfig(), variations=vary(**LAWS), max_episode_steps=13
+        )
         envs.reset(seed=1)
         return envs
 
@@ -183,21 +189,32 @@ def test_a_snapshot_restores_drones_that_differ():
 
 
 def test_draws_follow_their_laws():
-    laws = dict(
-        mass_scale=(0.8, 1.2),
-        thrust_scale=log_uniform(0.8, 2.5),
-        push_mps2=normal(0.1, 0.4, -9.0, 9.0),
-        lag_up_scale=choice([0.5, 1.0, 1.5, 2.0]),
-        lag_down_scale=uniform(0.5, 2.0, group="pair"),
-        torque_scale=log_uniform(0.5, 2.0, group="pair"),
-    )
+    laws = {
+        "mass_scale": (0.8, 1.2),
+        "thrust_scale": log_uniform(0.8, 2.5),
+        "push_mps2": normal(0.1, 0.4, -9.0, 9.0),
+        "lag_up_scale": choice([0.5, 1.0, 1.5, 2.0]),
+        "lag_down_scale": uniform(0.5, 2.0, group="pair"),
+        "torque_scale": log_uniform(0.5, 2.0, group="pair"),
+    }
     n = 1000  # drones, in 1,000 episodes
     batch = batch_of(frame(), n, variations=vary(**laws))
     drawn = []
     for _ in range(1000):
         batch.begin_episode()
-        drawn.append(batch.params[:, [*columns("mass_scale"), *columns("thrust_scale"), *columns("push_mps2"),
-                                      *columns("lag_up_scale"), *columns("lag_down_scale"), *columns("torque_scale")]])
+        drawn.append(
+            batch.params[
+                :,
+                [
+                    *columns("mass_scale"),
+                    *columns("thrust_scale"),
+                    *columns("push_mps2"),
+                    *columns("lag_up_scale"),
+                    *columns("lag_down_scale"),
+                    *columns("torque_scale"),
+                ],
+            ]
+        )
     mass, thrust, x, y, z, lag, down, torque = np.concatenate(drawn).astype(float).T
     for values, mean, std in (
         ((mass - 0.8) / 0.4, 0.5, np.sqrt(1 / 12)),
@@ -261,7 +278,7 @@ def test_wind_is_added():
 
 
 def test_a_battery_is_used_up_and_rotors_slow_down():
-    values = dict(battery_life_s=20.0, battery_fall=0.3, battery_used=0.1)
+    values = {"battery_life_s": 20.0, "battery_fall": 0.3, "battery_used": 0.1}
     batch = batch_of(plain(lag_up_s=0.0), variations=constants(**values))
     batch.set_pose([[0, 0, 500]], None)
     hover = batch.rotor_speed[0, 0]
@@ -362,14 +379,24 @@ def test_controllers():
 
 
 def test_gains_are_scaled_as_those_of_a_controller():
-    scaled = batch_of(frame(), control="position", variations=constants(
-        rate_gain_scale=1.5, attitude_gain_scale=0.8, velocity_gain_scale=1.2, position_gain_scale=0.7))
+    scaled = batch_of(
+        frame(),
+        control="position",
+        variations=constants(
+            rate_gain_scale=1.5, attitude_gain_scale=0.8, velocity_gain_scale=1.2, position_gain_scale=0.7
+        ),
+    )
     lag = frame()["rotors"]["lag_up_s"]
     rate = 0.5 / lag
     named = flockstep.ControllerConfig(
-        rate_gain_per_s=1.5 * rate, yaw_rate_gain_per_s=1.5 * rate / 3, attitude_gain_per_s=0.8 * rate / 3,
-        yaw_gain_per_s=0.8 * rate / 9, velocity_gain_per_s=1.2 * rate / 9,
-        velocity_integral_per_s2=1.2 * 0.1 * (rate / 9) ** 2, position_gain_per_s=0.7 * rate / 18)
+        rate_gain_per_s=1.5 * rate,
+        yaw_rate_gain_per_s=1.5 * rate / 3,
+        attitude_gain_per_s=0.8 * rate / 3,
+        yaw_gain_per_s=0.8 * rate / 9,
+        velocity_gain_per_s=1.2 * rate / 9,
+        velocity_integral_per_s2=1.2 * 0.1 * (rate / 9) ** 2,
+        position_gain_per_s=0.7 * rate / 18,
+    )
     given = batch_of(frame(), control="position", controller=named)
     for batch in (scaled, given):
         batch.set_pose([[0, 0, 50]], None)
@@ -438,7 +465,9 @@ def test_params_are_set_by_hand():
 
 
 def test_describe():
-    envs = flockstep.DroneVectorEnv(num_envs=4, task=flockstep.HoverConfig(), variations=vary(presets["diffaero"], mass_scale=1.1))
+    envs = flockstep.DroneVectorEnv(
+        num_envs=4, task=flockstep.HoverConfig(), variations=vary(presets["diffaero"], mass_scale=1.1)
+    )
     text = flockstep.describe(envs)
     assert "mass_scale: 1.1, constant" in text
     assert "torque_scale: uniform in [0.75, 1.25], each episode; now" in text
@@ -480,3 +509,40 @@ def test_bad_params_are_refused_before_anything_changes():
         np.testing.assert_array_equal(batch.params, before)
     with refused(ValueError, "variations", "rotors"):
         flockstep.Batch([flockstep.World.load("playground/train-1")], 1, variations=vary(mass_scale=1.1))
+
+
+def test_a_curriculum_changes_the_laws():
+    easy, hard = vary(mass_scale=(1.0, 1.0), thrust_scale=1.0), vary(mass_scale=(0.5, 1.5), thrust_scale=1.5)
+    envs = flockstep.DroneVectorEnv(
+        num_envs=32, task=flockstep.HoverConfig(), variations=easy, max_episode_steps=4, autoreset_mode="same_step"
+    )
+    model = flockstep.PPO("MlpPolicy", envs, n_steps=8, batch_size=256, n_epochs=1)
+    seen = []
+
+    def schedule(done):
+        seen.append((done, envs.batch.params[:, :1].copy()))
+        return ramp(easy, hard, until=0.5)(done)
+
+    model.learn(8 * 32 * 5, Curriculum(envs, schedule), log_interval=None)
+    assert [done for done, _ in seen] == [0, 0.2, 0.4, 0.6, 0.8]
+    for i, width in ((1, 0.0), (2, 0.2), (3, 0.4), (4, 0.5)):
+        off = np.abs(seen[i][1] - 1.0).max()
+        assert 0.7 * width <= off <= width + 1e-6
+    assert [law.high for law in envs.batch.variations] == [1.5, 1.5]
+    before = envs.batch.variations
+    for laws, words in (
+        (vary(mass_scale=1.0), ["thrust_scale"]),
+        (vary(mass_scale=1.0, thrust_scale=1.0, lag_up_scale=1.0), ["lag_up_scale"]),
+        (vary(mass_scale=1.0, thrust_scale=0.1), ["weight"]),
+    ):
+        with refused(ValueError, "variations", *words):
+            envs.batch.set_variations(laws)
+        assert envs.batch.variations == before
+    with refused(TypeError, "schedule", None):
+        model.learn(256, Curriculum(envs, lambda done: None), log_interval=None)
+    with refused(ValueError, "first, last", "mass_scale"):
+        ramp(easy, vary(mass_scale=1.0))
+    envs.close()
+    late = batch_of(plain(), 2, variations=vary(action_delay_s=(0.0, 0.01)))
+    with refused(ValueError, "variations", "action_delay_s", 0.01):
+        late.set_variations(vary(action_delay_s=(0.0, 0.02)))
