@@ -17,11 +17,11 @@ A line with an arrow takes the figures whose whole name matches, for all values 
 without a slash, or a regular expression after a colon. The figures are those of the result that has the first part of
 the name, or the one named before a colon and a space. Behind the arrow are row, column and, if three digits with the
 figure's unit are not right, another number of digits, a format of Python, maybe with a unit, or a text with words in
-braces, which may also be other keys of the figure. A cell with several figures, such as those of five seeds, shows
-their median, least and greatest. A line with "=" gives the text for a word, "_ = _" keeps underscores. A line with
-"#" begins another table; equations before the first one hold for all. Rows that begin with numbers are in their
-order. Above the tables stand the processors and commits of the results; after `<!-- table by source` each row has its
-own.
+braces, which may also be other keys of the figure. `A over B` in front of the arrow divides each figure of A by the
+one of B with the same words in braces. A cell with several figures, such as the results of five seeds, shows their
+median, least and greatest. A line with "=" gives the text for a word, "_ = _" keeps underscores. A line with "#" begins
+another table; equations before the first one hold for all. Rows that begin with numbers are in their order. Above the
+tables stand the processors and commits of the results; after `<!-- table by source` each row has its own.
 
 `<!-- tried NAME -->` is followed by the number of trials of `./dev try NAME`, until `<!-- /tried -->`, and
 `<!-- figure PATTERN as FORM -->` by the figures of that pattern as in a cell, until `<!-- /figure -->`. A form that
@@ -45,7 +45,7 @@ import shutil
 import statistics
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +63,7 @@ BY_SOURCE = ("processor", "commit")
 Result = dict[str, Any]
 Results = dict[str, Result]
 Cells = dict[tuple[str, str], str]
+Used = dict[str, set[str]]  # by a result's name, the second words of its figures
 
 
 def lines_of(result: Result) -> str:
@@ -133,11 +134,12 @@ def processor_of(result: Result) -> str:
     return f"{gpu}{machine['cpu']}, {machine['logical_processors']} logical processors{simd}"
 
 
-def source(result: Result) -> str:
-    """Describe the machine and the commits of a result, or its source."""
+def source(result: Result, used: Iterable[str] | None = None) -> str:
+    """Describe the machine and the commits of a result, or its source; of its parts, only the ones that are used."""
     if "source" in result:
         return f"{processor_of(result)}: {result['source']}"
-    parts = "".join(f", {part['what']}: {part['commit'][:7]}" for part in result.get("parts", ()))
+    shown = [part for part in result.get("parts", ()) if used is None or not {*used}.isdisjoint(part["what"].split())]
+    parts = "".join(f", {part['what']}: {part['commit'][:7]}" for part in shown)
     remark = f". {result['remark']}" if "remark" in result else ""
     return f"{processor_of(result)}, commit {result['commit'][:7]}, {result['commit_date']}{parts}{remark}"
 
@@ -181,6 +183,16 @@ def found(pattern: str, results: Results) -> Iterator[tuple[str, dict[str, Any],
             yield name, figure, match.groupdict()
 
 
+def divided(pattern: str, results: Results) -> Iterator[tuple[str, dict[str, Any], dict[str, str]]]:
+    """Return the figures of a pattern, or of `A over B` the ratios, each under the name of A's result."""
+    above, _, below = pattern.partition(" over ")
+    for name, figure, matched in found(above, results):
+        if not below:
+            yield name, figure, matched
+        for _, divisor, _ in found(below.format(**matched), results) if below else ():
+            yield name, figure | {"value": figure["value"] / divisor["value"], "unit": "1"}, matched
+
+
 def pivot(cells: Cells, corner: str) -> str:
     """Return a table of cells by (row, column), in insertion order."""
     rows, columns = (list(dict.fromkeys(key[i] for key in cells)) for i in (0, 1))
@@ -193,16 +205,16 @@ def pivot(cells: Cells, corner: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def cells_of(lines: list[str], words: dict[str, str], by_source: bool, results: Results) -> tuple[Cells, list[str]]:
-    """Return the cells that lines with arrows describe, and the names of the results that they come from."""
+def cells_of(lines: list[str], words: dict[str, str], by_source: bool, results: Results) -> tuple[Cells, Used]:
+    """Return the cells that lines with arrows describe, and the parts of results that they come from."""
     cells: Cells = {}
-    names: list[str] = []
+    used: Used = {}
     for line in lines:
         pattern, _, rest = line.partition(" -> ")
         row_of, column_of, form = (*(part.strip() for part in rest.split("|")), "")[:3]
         by_cell: dict[tuple[str, str], list[dict[str, Any]]] = {}
-        for name, figure, matched in found(pattern, results):
-            names.append(name)
+        for name, figure, matched in divided(pattern, results):
+            used.setdefault(name, set()).update(figure["name"].split("/")[1:2])
             space = words.get("_", " ")
             told = figure | {word: words.get(text, text.replace("_", space)) for word, text in matched.items()}
             by_cell.setdefault((row_of.format(**told), column_of.format(**told)), []).append(told)
@@ -213,9 +225,9 @@ def cells_of(lines: list[str], words: dict[str, str], by_source: bool, results: 
             is_text = "{" in form
             cells[row, column] = form.format(**figures[0]) if is_text else shown(values, figures[0]["unit"], form)
             if by_source:
-                result = results[names[-1]]
+                result = results[name]
                 cells |= {(row, "processor"): processor_of(result), (row, "commit"): commit_of(result, figures[0])}
-    return cells, list(dict.fromkeys(names))
+    return cells, used
 
 
 def tables(spec: str, by_source: bool, results: Results) -> str:
@@ -231,16 +243,18 @@ def tables(spec: str, by_source: bool, results: Results) -> str:
             parts[-1][2][key] = text
         else:
             sys.exit(f"expected '# corner', 'figures -> row | column' or 'word = text', got {line!r}")
-    written, names = [], []
+    written: list[str] = []
+    used: Used = {}
     for corner, lines, words in parts:
-        cells, used = cells_of(lines, words, by_source, results)
-        names += used
+        cells, of_table = cells_of(lines, words, by_source, results)
+        for name, which in of_table.items():
+            used.setdefault(name, set()).update(which)
         if cells:
             written.append(pivot(cells, corner))
-    if all("source" in results[name] for name in names):  # or there is none
+    if all("source" in results[name] for name in used):  # or there is none
         return "Not measured yet.\n"
     if not by_source:
-        written.insert(0, "\n".join(source(results[name]) + "\n" for name in dict.fromkeys(names)))
+        written.insert(0, "\n".join(source(results[name], which) + "\n" for name, which in used.items()))
     return "\n".join(written)
 
 

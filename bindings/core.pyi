@@ -147,7 +147,7 @@ class Learner:
     config
         Shape of the networks.
     num_threads
-        0: one per physical core. Results have the same bits for any number.
+        0: one per physical core. Results are bit-identical for any number.
     seed
         Of initial weights, actions and minibatches.
     """
@@ -1695,9 +1695,9 @@ class Batch:
     ) -> Contact:
         """Fly {batch.hpp: a command ... number of ticks}, by default for one step.
 
-        ``control`` defines what the command means, for this call; None means `DynamicsConfig.control`. A batch flies
-        the same bits as one configured with this control. Drones can hit obstacles; see `DynamicsConfig.on_contact`.
-        Sensors are not read. Gusts and the controller follow each env's clock. Splitting a flight into several calls
+        ``control`` defines what the command means, for this call; None means `DynamicsConfig.control`. The flight
+        is bit-identical to one of a batch configured with this control. Drones can hit obstacles; see
+        `DynamicsConfig.on_contact`. Sensors are not read. Gusts and the controller follow each env's clock. Splitting a flight into several calls
         changes the result only by rounding, unless `DynamicsConfig.downwash` is True: each call computes the wash
         again. A drone that becomes too fast to integrate stays at its last position until the call ends, at rest, with
         a `RuntimeWarning`; in a task its episode ends as a bad state.

@@ -205,7 +205,9 @@ const Airframe& airframe_of(const Batch& batch, const char* what) {
   return *batch.drone().airframe();
 }
 
-py::array_t<float> command(const Terms& terms, const py::object& actions, const std::optional<double>& max_thrust_to_weight) {
+py::array_t<float> command(const Terms& terms, const py::object& actions, const std::optional<double>& max_thrust_to_weight,
+                           const py::kwargs& unknown) {
+  refuse_unknown("Terms.command", unknown, {"actions", "max_thrust_to_weight"});
   const Batch& batch = terms.batch();
   const DynamicsConfig& dynamics = batch.config().dynamics;
   const Airframe& frame = airframe_of(batch, "commands");

@@ -126,7 +126,7 @@ def record(
             film.append_data(frames[0])
             pictures += 1
             if progress is not None and progress.is_due:
-                progress.show(f"{fspath(path)}: {pictures} of at most {steps + 1} pictures, {progress.seconds:.0f} s")
+                progress.show(f"{fspath(path)}: {pictures} of at most {steps + 1} images, {progress.seconds:.0f} s")
             if step > 0 and (terminated | truncated).all():
                 break
     if until_success is not None and not envs.batch.success.all():
@@ -136,7 +136,7 @@ def record(
         )
     envs.close()
     if progress is not None:
-        progress.show(f"{fspath(path)}: {pictures} pictures, {progress.seconds:.0f} s", is_last=True)
+        progress.show(f"{fspath(path)}: {pictures} images, {progress.seconds:.0f} s", is_last=True)
     return pictures
 
 

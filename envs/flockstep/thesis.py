@@ -47,6 +47,7 @@ def camera(width_px: int = 640) -> Preset:
     width_px
         Width of the images in pixels; their height is three quarters of it. The default is the thesis's.
     """
+    width_px = CameraConfig(width_px=width_px).width_px  # raises an error that names the argument
     images = CameraConfig(width_px=width_px, height_px=width_px * 3 // 4)
     envs: Keywords = {"worlds": "camera-train", "camera": images}
     return _preset("flockstep/CameraNavigation-v0", 4_400_000, 8, 1e-4, envs)

@@ -35,7 +35,7 @@ class PPO(Arguments):
 
     A script that trains with Stable-Baselines3's PPO trains with this class if its import changes. Steps of the
     engine's tasks stay in the engine; your own tasks, any Gymnasium vector env and any ``VecEnv`` work, too. Results
-    have the same bits for any number of threads. Policies with images or memory need Stable-Baselines3.
+    are bit-identical for any number of threads. Policies with images or memory need Stable-Baselines3.
 
     >>> envs = flockstep.DroneVectorEnv(512, task=flockstep.HoverConfig(), autoreset_mode="same_step")
     >>> model = flockstep.PPO("MlpPolicy", envs, n_steps=32, batch_size=4096, n_epochs=5, learning_rate=3e-3)

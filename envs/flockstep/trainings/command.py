@@ -47,7 +47,7 @@ def add_commands(commands: Any) -> None:
             parser.add_argument("--flights", type=_count, help="evaluation flights of each kind; default: the row's")
     train_options, _, film_options = (commands.choices[name] for name in about)
     train_options.add_argument("--seed", type=int, default=0, help="seed of the training")
-    threads = "threads of simulator and learner; 0: one per core. The results have the same bits for any number"
+    threads = "threads of simulator and learner; 0: one per core. results are bit-identical for any number"
     train_options.add_argument("--threads", type=int, default=0, help=threads)
     train_options.add_argument("--steps", type=_count, help="steps of all drones together; default: the row's")
     train_options.add_argument("--out", type=Path, help="file of the policy; default: TRAINING.zip")

@@ -185,6 +185,21 @@ def test_figures_of_others_stand_only_beside_ours():
     assert written.endswith("| drones | time | book |\n|---|---:|---:|\n| 8 | 0.5 ms | 2.5 ms |\n")
 
 
+def test_a_cell_may_be_the_ratio_to_a_figure_with_the_same_words():
+    ours = result([("ours/move/8", 0.5, "ms", {}), ("ours/move/9", 3.0, "ms", {})])
+    book = {"machine": {"cpu": "Old One", "logical_processors": 20}, "source": "a book"}
+    results = {"ours": ours, "book": book | {"figures": [{"name": "book/8/move", "value": 2.0, "unit": "ms"}]}}
+    lines = table.tables("ours/move/{n} over book/{n}/move -> {n} | times |\n", False, results).splitlines()
+    assert lines[0] == SOURCE and lines[2:] == ["|  | times |", "|---|---:|", "| 8 | 0.25 |"]
+
+
+def test_a_table_names_only_the_parts_of_its_figures():
+    parts = [{"what": "race and dodge", "commit": "f" * 40}]
+    figures = [("board/race/s", 1.0, "s", {}), ("board/hover/s", 2.0, "s", {})]
+    assert written("board/hover/s -> hover | s\n", *figures, parts=parts)[0] == SOURCE
+    assert written("board/{x}/s -> {x} | s\n", *figures, parts=parts)[0] == f"{SOURCE}, race and dodge: fffffff"
+
+
 def test_charts_are_drawn_if_their_points_change(tmp_path):
     results = {"step": result([(f"step/n{n}/steps_per_second", 1000.0 * n, "1/s", {}) for n in (1, 16)])}
     results["scaling"] = result([(f"scaling/steps_per_second/lidar4096/threads{n}", n, "1/s", {}) for n in (1, 2)])

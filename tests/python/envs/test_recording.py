@@ -155,8 +155,8 @@ def test_a_film_shows_its_progress(room, tmp_path, capsys, monkeypatch):
     out, lines = capsys.readouterr()
     assert not out
     assert [line.rpartition(",")[0] for line in lines.splitlines()] == [
-        *(f"{film}: {count} of at most 3 pictures" for count in (1, 2, 3)),
-        f"{film}: 3 pictures",
+        *(f"{film}: {count} of at most 3 images" for count in (1, 2, 3)),
+        f"{film}: 3 images",
     ]
     flockstep.record(film, quiet=True, **keywords)
     with refused(RuntimeError, "until_success", "none of the episodes"):

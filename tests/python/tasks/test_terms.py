@@ -341,6 +341,8 @@ class TestCommand:
             terms = self.batch(control).terms
             with refused(ValueError, *said):
                 terms.command(actions, max_thrust_to_weight=most)
+        with refused(TypeError, "command", "max_speed_mps"):
+            terms.command(np.zeros((50, 4)), max_speed_mps=1)
         for name, match in (("command", "commands"), ("rotor_levels", "rotors")):
             call = getattr(flockstep.Batch([HALL]).terms, name)
             with refused(AttributeError, "kinematic motion", match):

@@ -142,6 +142,11 @@ def test_the_presets_of_the_thesis_are_its_tables(preset, drones, steps, rate, o
     envs.close()
 
 
+def test_a_camera_of_the_thesis_without_a_width_is_refused():
+    with refused(TypeError, "width_px", "an integer", "'a'"):
+        flockstep.thesis.camera("a")
+
+
 def test_presets_are_the_rows_of_the_table():
     assert [*flockstep.presets] == [*TRAININGS]
     assert "hover" in flockstep.presets

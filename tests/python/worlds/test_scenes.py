@@ -4,7 +4,9 @@ import base64
 import copy
 import importlib.util
 import json
+import re
 import struct
+from fnmatch import fnmatch
 from pathlib import Path
 
 import jsonschema
@@ -459,3 +461,13 @@ class TestGltf:
         path = a_gltf_file(tmp_path / "corner.gltf")
         with refused(ValueError, next(iter(wrong))):
             flockstep.World.load(path, **wrong)
+
+
+def test_the_page_has_the_sizes_of_all_bundled_worlds():
+    page = (ROOT / "docs" / "how-to" / "worlds" / "pictures-and-videos.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([\w/*-]+)`.* \| ([\d. x]+) \| ([\d,]+) \|$", page, re.MULTILINE)
+    for name in flockstep.scenes.names():
+        ((_, size, triangles),) = [row for row in rows if fnmatch(name, row[0])]
+        world = flockstep.World.load(name).check()
+        shown = " x ".join(f"{metres:.3g}" for metres in world["size_m"])
+        assert (size, triangles) == (shown, f"{world['triangles']:,}"), name

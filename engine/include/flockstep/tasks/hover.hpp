@@ -25,9 +25,8 @@ struct HoverConfig {
             "direction and a rate of up to ``start_rate_dps`` about each body axis, all uniform. A start that would touch "
             "something is drawn again, up to 64 times, then it is at the point, level.",
         .action =
-            "Four numbers, clipped to [-1, 1], whose meaning ``control`` chooses: each rotor's speed or thrust; total thrust and "
-            "body rates; thrust, roll, pitch and yaw; acceleration and yaw; velocity and yaw rate; a position within 1 m and a "
-            "yaw. 0 hovers or has no effect, and ±1 is the largest command, with the limits of `DynamicsConfig`.",
+            "Four numbers, clipped to [-1, 1]: a command of ``control``, scaled as by `Terms.command`. 0 hovers or has no "
+            "effect, and ±1 is the largest command.",
         .observed =
             "All vectors are in the body frame, and nothing depends on the heading. Offset and directions come from the pose "
             "sensor; velocities and rotor speeds are exact.",

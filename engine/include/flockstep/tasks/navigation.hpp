@@ -89,8 +89,8 @@ struct NavigationConfig {
         .start = "At the world's start marker, or anywhere in its spawn box with ``random_start=True``.",
         .action = "``action`` chooses: one of six directions, one of three, or a displacement.",
         .observed =
-            "Ranges are divided by the LiDAR's maximum range and 1 on a miss. With ``\"pixels\"`` the first camera's image, (3, "
-            "H, W) uint8, and the ranges are two fields.",
+            "Ranges are divided by the LiDAR's maximum range and 1 on a miss. With ``\"pixels\"`` the observation is a dict of "
+            "``ranges`` and the first camera's ``image``, (3, H, W) uint8.",
         .observation =
             {
                 {"3, \"goal\"",
@@ -103,19 +103,20 @@ struct NavigationConfig {
         .reward =
             {
                 {"distance",
-                 "R at the final goal; R * ``waypoint_share`` / number of waypoints at a waypoint; otherwise centimetres gained "
-                 "towards the current goal"},
-                {"crash", "-R on a collision; otherwise min(l) - M if min(l) < M; otherwise 0"},
-                {"free_space", "sum(l / M - 1) / (|L| / M - |L|), which is 1 in the open"},
+                 "R = ``goal_reward`` of ``reward`` at the final goal; R * ``waypoint_share`` / number of waypoints at a "
+                 "waypoint; otherwise centimetres gained towards the current goal"},
+                {"crash",
+                 "-R on a collision; otherwise min(l) - M if min(l) < M, with the ranges l and M = ``min_clearance``; otherwise "
+                 "0"},
+                {"free_space", "sum(l / M - 1) / (|L| / M - |L|) for |L| ranges, which is 1 in the open"},
                 {"step", "-(step number) / ``step_scale``; the first step has number 0"},
                 {"action_change", "-1 if the action changes, as the first one does"},
                 {"overshoot", "-R / 10 when x exceeds the current goal's x + ``goal_radius_m``"},
             },
         .end =
-            "An episode ends as a success at the final goal, at a collision, and, if ``overshoot_weight`` is not 0, when the "
-            "drone has passed the goal. ``reward`` holds the weights, R = ``goal_reward`` and M = ``min_clearance``; l are the "
-            "ranges, |L| is their number. ``batch.task_state`` holds ``goal_index``, the number of waypoints reached, and "
-            "``last_distance``, m.",
+            "An episode ends as a success at the final goal. It also ends at a collision, and when the drone has passed the "
+            "goal, unless ``overshoot_weight`` is 0. ``batch.task_state`` holds ``goal_index``, the number of waypoints reached, "
+            "and ``last_distance``, m.",
     };
   }
 

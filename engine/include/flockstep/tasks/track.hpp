@@ -40,9 +40,8 @@ struct TrackConfig {
             "At a random point of the path, offset by up to ``start_offset_m`` along each axis, level, with the path's velocity "
             "and yaw, and with rotors at hover speed.",
         .action =
-            "Four numbers, clipped to [-1, 1], whose meaning ``control`` chooses: each rotor's speed or thrust; total thrust and "
-            "body rates; thrust, roll, pitch and yaw; acceleration and yaw; velocity and yaw rate; a position within 1 m and a "
-            "yaw. 0 hovers or has no effect, and ±1 is the largest command, with the limits of `DynamicsConfig`.",
+            "Four numbers, clipped to [-1, 1]: a command of ``control``, scaled as by `Terms.command`. 0 hovers or has no "
+            "effect, and ±1 is the largest command.",
         .observed =
             "All vectors are in the body frame. Offsets and directions come from the pose sensor; velocities and rotor speeds "
             "are exact.",
