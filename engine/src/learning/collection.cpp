@@ -78,7 +78,7 @@ std::span<const float> Learner::act(int t, std::span<const float> observation, s
   parts.take_observations(observation, skipped);
   ++parts.draws;
   const auto step = static_cast<std::size_t>(t);
-  parts.for_observations(observation.data(), rollout.rows,
+  parts.for_observations(observation, rollout.rows,
                          [&](Pass& pass, std::size_t from, std::size_t count) { parts.draw_actions(pass, step, from, count); });
   const std::size_t size = rollout.rows * parts.action_size();
   const std::span<const float> actions = std::span(rollout.actions).subspan(step * size, size);
@@ -135,7 +135,7 @@ void Learner::record(int t, const StepResults& results) {
     for (std::size_t i = 0; i < cut.size(); ++i) {
       std::copy_n(results.final_observation.data() + cut[i] * size, size, observations.data() + i * size);
     }
-    parts.write_values(observations.data(), cut.size(), values.data());
+    parts.write_values(observations, values);
     const auto gamma = static_cast<float>(rollout.config.gamma);
     for (std::size_t i = 0; i < cut.size(); ++i) rollout.rewards[first + cut[i]] += gamma * values[i];
   }
@@ -150,7 +150,7 @@ void Learner::finish(std::span<const float> observation) {
   require_size(observation.size(), parts.rollout.rows * parts.observation_size, "observation");
   require_finite(observation, parts.observation_size, "observation");
   std::vector<float> values(parts.rollout.rows);
-  parts.write_values(observation.data(), parts.rollout.rows, values.data());
+  parts.write_values(observation, values);
   parts.rollout.estimate_advantages(values.data());
   parts.is_finished = true;
 }
@@ -196,7 +196,7 @@ class Learner::Parts::StepPilot : public Pilot {
           note_bad(from + i);
           std::fill(observation.begin(), observation.end(), 0.0F);
         }
-        parts_.write_inputs(observation.data(), normalised, pass.inputs() + i * parts_.input_stride);
+        parts_.write_inputs(observation, normalised, pass.inputs() + i * parts_.input_stride);
       }
       parts_.draw_actions(pass, t_, from, count);
       for (std::size_t i = 0; i < count; ++i) write_action(from + i, actions);
