@@ -426,6 +426,8 @@ void register_config(py::module_& module) {
                               "A solid in each env that may move: LiDARs and cameras see it, and drones hit it.");
   register_fields<Light>(module, "Light", "Sun, sky and fog of camera images. ``Light(**world.light)`` is the light of a world.");
   register_fields<EpisodeConfig>(module, "EpisodeConfig", "Begin and end of episodes, the same for every task.");
+  register_fields<ObservationConfig>(module, "ObservationConfig",
+                                     "What agents remember, and when they learn what their task observes.");
   register_fields<ClockConfig>(module, "ClockConfig", "Rates of policy, controller and physics, per second of simulated time.");
   register_fields<WindConfig>(
       module, "WindConfig",
@@ -440,7 +442,8 @@ void register_config(py::module_& module) {
       module, "DroneParameters",
       "What may differ from drone to drone: differences from the airframe, and what acts on the drone. The controller and\n"
       "the meaning of actions keep the airframe's own numbers. `Variation` draws them.");
-  register_fields<Variation>(module, "Variation", "How a parameter of the drones is drawn. `flockstep.vary` makes a list of these.");
+  register_fields<Variation>(module, "Variation",
+                             "How a parameter of the drones is drawn. `flockstep.vary` makes a list of these.");
   module.attr("parameter_names") = py::tuple(py::cast(parameter_names()));
   register_fields<ServerConfig>(module, "ServerConfig", "How a server listens, and what clients may do.");
   register_fields<NetworkConfig>(module, "NetworkConfig", "Actor and critic: two networks on the same inputs.");

@@ -41,7 +41,6 @@ struct alignas(64) Flock {
   Lane height{};                  // m above the ground at the start of the leg; infinite without ground
   Lanes<kRotors> thrust_share{};  // share of its thrust that each rotor keeps in the wash of other drones; see Fleet
   Lanes<7> setpoint{};            // see Stage
-  std::span<Arrival> arrivals{};  // further setpoints, in the order in which they were commanded
   Lanes<kRotors> speed_share{};   // share of its commanded speed that each rotor is driven to; read if Physics::drains
   Lanes<3> push{};                // m/s^2, world frame; acceleration by a force from outside; read if Physics::pushed
   Lanes<3> twist{};               // rad/s^2, angular acceleration by a torque from outside; read if Physics::pushed
@@ -54,6 +53,8 @@ struct alignas(64) Flock {
   Lanes<3> origin{};     // m, start of the leg, or of its part after the last contact
   Lanes<3> position{};   // m, origin + travelled
   Lanes<3> remainder{};  // m, float32 rounding error of the position
+  // Further setpoints, in the order of their commands. The last member, so that all lanes are aligned.
+  std::span<Arrival> arrivals{};
 };
 
 // The stage of the controller cascade that takes the setpoint, and the numbers of that setpoint.
