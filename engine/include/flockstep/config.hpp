@@ -14,6 +14,7 @@
 #include "flockstep/fields.hpp"
 #include "flockstep/interaction.hpp"
 #include "flockstep/light.hpp"
+#include "flockstep/observation.hpp"
 #include "flockstep/sensors/camera.hpp"
 #include "flockstep/sensors/imu.hpp"
 #include "flockstep/sensors/lidar.hpp"
@@ -46,6 +47,7 @@ struct BatchConfig {
   int max_bodies = 0;
   std::vector<Light> lights;
   EpisodeConfig episode;
+  ObservationConfig observed;
   ClockConfig clock;
   DynamicsConfig dynamics;
   std::vector<Variation> variations;
@@ -104,6 +106,7 @@ struct BatchConfig {
         field("lights", &C::lights,
               {.about = "At most 4096 lights, of which each episode of an env draws one. Empty: the lights of the worlds."}),
         field("episode", &C::episode, {.about = "Begin and end of episodes."}),
+        field("observed", &C::observed, {.about = "History, past actions and delay of what a task observes."}),
         field("clock", &C::clock, {.about = "Rates of policy, controller and physics."}),
         field("dynamics", &C::dynamics, {.about = "Motion model of the drones."}),
         field("variations", &C::variations,

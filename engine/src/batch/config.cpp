@@ -25,6 +25,8 @@ void EpisodeConfig::validate() const {
           "False with max_episode_steps=0 (there is no limit to stagger)", "True");
 }
 
+void ObservationConfig::validate() const { check_fields(*this, "observed."); }
+
 void ClockConfig::validate() const {
   check_fields(*this, "");
   const auto divides = [](double slow, double fast, double most) {

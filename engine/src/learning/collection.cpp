@@ -252,7 +252,7 @@ void Learner::read_observation(const Batch& batch, std::span<float> observation)
   const SingleCaller::Call call(parts_->callers);
   parts_->require_fits(batch);
   require_size(observation.size(), parts_->rollout.rows * parts_->observation_size, "observation");
-  const std::vector<std::size_t> fields = by_name(batch.task()->spec().observation);
+  const std::vector<std::size_t> fields = by_name(batch.spec().observation);
   for (std::size_t row = 0; row < parts_->rollout.rows; ++row) {
     write_row(batch.outputs().observation, fields, row, observation.data() + row * parts_->observation_size);
   }
@@ -265,7 +265,7 @@ void Learner::fly(int t, Batch& batch, float reward_scale) {
   require(t == parts.next && t < rollout.config.n_steps, "t", "step " + std::to_string(parts.next), t);
   parts.require_fits(batch);
   require(std::isfinite(reward_scale), "reward_scale", "a finite number", reward_scale);
-  const TaskSpec& spec = batch.task()->spec();
+  const TaskSpec& spec = batch.spec();
   const std::vector<std::size_t> fields = by_name(spec.observation);
   while (parts.passes.size() < static_cast<std::size_t>(batch.num_threads())) parts.passes.emplace_back(parts.network);
   if (rollout.config.normalize_observations) {
@@ -307,7 +307,7 @@ void Learner::fly(int t, Batch& batch, float reward_scale) {
 
 void Learner::Parts::require_fits(const Batch& batch) const {
   require(batch.task() != nullptr, "batch", "a batch with a task", "one without");
-  const TaskSpec& spec = batch.task()->spec();
+  const TaskSpec& spec = batch.spec();
   const Outputs& outputs = batch.outputs();
   require(outputs.reward.size() == rollout.rows, "batch", std::to_string(rollout.rows) + " rows", outputs.reward.size());
   std::size_t size = 0;
