@@ -250,7 +250,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
             self.single_action_space = action_space(self.batch.spec)
         else:
             routed.calls.attach(self.batch)
-            is_own = recipe.observed == ObservationConfig()  # unchanged: the task's own object
+            is_own = recipe.observed == ObservationConfig() and not recipe.privileged  # the task's own object
             self.single_observation_space = (
                 self.task.observation_space if is_own else observation_space(self.batch.spec)
             )

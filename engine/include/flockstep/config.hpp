@@ -52,6 +52,7 @@ struct BatchConfig {
   DynamicsConfig dynamics;
   std::vector<Variation> variations;
   std::vector<std::string> frames;
+  std::vector<std::string> privileged;
 
   static constexpr int kMaxDrones = 1 << 20;        // total over all envs
   static constexpr std::size_t kMaxLights = 4096;   // length of `lights`
@@ -114,7 +115,11 @@ struct BatchConfig {
                         "makes the list."}),
         field("frames", &C::frames,
               {.about = "Drones whose airframes an episode draws from, instead of that of ``drone``: names, files, or "
-                        "``\"random/seed-7\"``. Hull and sensors stay those of ``drone``."}));
+                        "``\"random/seed-7\"``. Hull and sensors stay those of ``drone``."}),
+        field("privileged", &C::privileged,
+              {.about = "Parameters of the drone at the end of a task's observation, current and minus their defaults: names of "
+                        "fields of `DroneParameters`, or of elements. They need ``variations``. Keep them from the policy by "
+                        "``critic_only`` of `flockstep.PPO`."}));
   }
 
   int num_drones() const { return num_envs * drones_per_env; }  // N

@@ -55,8 +55,10 @@ BatchConfig validated(BatchConfig config, const Task* task) {
   for (const Light& light : config.lights) checks::drawable(config, light);
   require(task == nullptr || config.num_drones() > 0, "num_drones = num_envs x drones_per_env",
           "at least one drone with a task (its arrays cannot grow)", config.num_drones());
-  require(task != nullptr || config.observed.is_off(), "observed", "its default for a batch without a task, which observes nothing",
-          "another");
+  require(task != nullptr || config.observed.is_off(), "observed",
+          "its default for a batch without a task, which observes nothing", "another");
+  require(task != nullptr || config.privileged.empty(), "privileged", "none for a batch without a task, which observes nothing",
+          config.privileged.size());
   checks::memory(sensor_bytes(config));
   return config;
 }
@@ -150,7 +152,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   }
   checks::spec(task_state.task->spec());
   task_state.rows_per_env = task_state.task->spec().row == Row::drone ? sim.drones_per_env() : 1;
-  if (!sim.config.observed.is_off()) {
+  if (!sim.config.observed.is_off() || !sim.config.privileged.empty()) {
     task_state.memory.emplace(sim.config, task_state.task->spec(), sim.num_rows());
     checks::spec(task_state.spec());
   }

@@ -55,6 +55,8 @@ void join(Field& field, const Field& more) {
 
 ObservationMemory::ObservationMemory(const BatchConfig& config, const TaskSpec& of_task, std::size_t rows)
     : config_(config.observed),
+      privileged_(config.privileged),
+      drones_(of_task.row == Row::drone ? 1 : static_cast<std::size_t>(config.drones_per_env)),
       frame_skip_(config.episode.frame_skip),
       step_s_(config.clock.step_s()),
       action_(of_task.action),
@@ -82,6 +84,9 @@ ObservationMemory::ObservationMemory(const BatchConfig& config, const TaskSpec& 
     const double greatest = static_cast<double>(max_delay_ * frame_skip_) * step_s_;
     more.push_back({.name = "age_s", .shape = {1}, .low = {0.0}, .high = {greatest}});
   }
+  require(privileged_.empty() || is_joined_, "privileged", "none unless the task observes a vector of floats",
+          config.privileged.size());
+  if (!privileged_.empty()) more.push_back(privileged_.field(drones_));
   require(more.empty() || is_joined_ || fields.size() > 1, past_actions_ > 0 ? "observed.past_actions" : "observed.age",
           past_actions_ > 0 ? "0 unless the task observes a vector of floats, or a dict"
                             : "False unless the task observes a vector of floats, or a dict",
@@ -140,7 +145,8 @@ void ObservationMemory::keep_action(std::size_t row, std::int64_t number, const 
 }
 
 template <class T>
-void ObservationMemory::write_rest(std::size_t row, std::int64_t number, float age_s, std::span<Buffer> observation) const {
+void ObservationMemory::write_rest(const State& state, std::size_t row, std::int64_t number, float age_s,
+                                   std::span<Buffer> observation) const {
   std::size_t field = is_joined_ ? 0 : newest_.size();
   std::size_t at = is_joined_ ? history_ * newest_[0].columns() : 0;
   if (past_actions_ > 0) {
@@ -158,6 +164,10 @@ void ObservationMemory::write_rest(std::size_t row, std::int64_t number, float a
     if (!is_joined_) ++field;
   }
   if (config_.age) observation[field].row<T>(row)[at] = static_cast<T>(age_s);
+  if (config_.age) ++at;
+  for (std::size_t i = 0; i < drones_ && !privileged_.empty(); ++i) {
+    privileged_.write(state, DroneIndex(row * drones_ + i), observation[field].row<T>(row).data() + at + i * privileged_.size());
+  }
 }
 
 void ObservationMemory::show(const State& state, RandomKey key, std::size_t row, std::int64_t steps, const Buffer& actions,
@@ -186,13 +196,13 @@ void ObservationMemory::show(const State& state, RandomKey key, std::size_t row,
       std::memcpy(observation[i].row_as_bytes(row).data() + k * size, ring_[i].row_as_bytes(place(row, shown)).data(), size);
     }
   }
-  if (past_actions_ == 0 && !config_.age) return;
+  if (past_actions_ == 0 && !config_.age && privileged_.empty()) return;
   const std::int64_t passed = newest == number ? 0 : steps - newest * frame_skip_;
   const auto age_s = static_cast<float>(static_cast<double>(passed) * step_s_);
   if (is_joined_ && newest_[0].type() == DType::float64) {
-    write_rest<double>(row, number, age_s, observation);
+    write_rest<double>(state, row, number, age_s, observation);
   } else {
-    write_rest<float>(row, number, age_s, observation);
+    write_rest<float>(state, row, number, age_s, observation);
   }
 }
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/random.hpp"
+#include "dynamics/shown_parameters.hpp"
 #include "flockstep/array_visitor.hpp"
 #include "flockstep/buffer.hpp"
 #include "flockstep/config.hpp"
@@ -43,10 +44,12 @@ class ObservationMemory {
   std::int64_t arrived(std::size_t row, std::int64_t number) const;
   void keep_action(std::size_t row, std::int64_t number, const Buffer& actions);
   template <class T>
-  void write_rest(std::size_t row, std::int64_t number, float age_s, std::span<Buffer> observation) const;
+  void write_rest(const State& state, std::size_t row, std::int64_t number, float age_s, std::span<Buffer> observation) const;
   std::size_t place(std::size_t row, std::int64_t number) const { return row * size_ + static_cast<std::size_t>(number) % size_; }
 
   const ObservationConfig config_;
+  const dynamics::ShownParameters privileged_;
+  const std::size_t drones_;       // in a row
   const std::int64_t frame_skip_;  // control steps in a step of the env
   const double step_s_;            // s per control step
   const Field action_;
