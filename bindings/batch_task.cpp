@@ -25,7 +25,7 @@ namespace {
 
 const TaskSpec& spec_of(const Batch& batch) {
   if (batch.task() == nullptr) throw std::runtime_error("this Batch has no task: give it one (task=...)");
-  return batch.task()->spec();
+  return batch.spec();
 }
 
 // Returns the number of rows of actions, observations and rewards.

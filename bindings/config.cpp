@@ -426,6 +426,8 @@ void register_config(py::module_& module) {
                               "A solid in each env that may move: LiDARs and cameras see it, and drones hit it.");
   register_fields<Light>(module, "Light", "Sun, sky and fog of camera images. ``Light(**world.light)`` is the light of a world.");
   register_fields<EpisodeConfig>(module, "EpisodeConfig", "Begin and end of episodes, the same for every task.");
+  register_fields<ObservationConfig>(module, "ObservationConfig",
+                                     "What agents remember, and when they learn what their task observes.");
   register_fields<ClockConfig>(module, "ClockConfig", "Rates of policy, controller and physics, per second of simulated time.");
   register_fields<WindConfig>(
       module, "WindConfig",

@@ -201,7 +201,7 @@ class Learner:
     @discounted_returns.setter
     def discounted_returns(self, values: npt.ArrayLike) -> None: ...
     def predict(self, observation: npt.ArrayLike) -> _F32:
-        """Return {learner.hpp: the most probable ... indices}, for observations (R, k)."""
+        """Return {learner.hpp: the most probable ... indices}, for observations (R, k) or (R, k - critic_only)."""
     def sample(self, observation: npt.ArrayLike) -> _F32:
         """Return random actions, {learner.hpp: in the same form}."""
     def values(self, observation: npt.ArrayLike) -> _F32:

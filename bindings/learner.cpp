@@ -36,16 +36,26 @@ Shape steps_and_rows(const Learner& learner) {
   return {py::ssize_t{learner.rollout_config().n_steps}, py::ssize_t{learner.rows()}};
 }
 
-Input<float> observations(const Learner& learner, const py::object& observation, const char* name, py::ssize_t rows = -1) {
-  Input<float> input = floats(observation, name, {rows, py::ssize_t{learner.config().observation_size}});
+Input<float> observations(const Learner& learner, const py::object& observation, const char* name, py::ssize_t rows = -1,
+                          int without = 0) {
+  Input<float> input = floats(observation, name, {rows, py::ssize_t{learner.config().observation_size - without}});
   if (!input.given()) throw py::value_error(std::string(name) + ": expected an array of real numbers, got None");
   return input;
 }
 
+// Returns critic_only if observations to act on are without these numbers, else 0.
+int left_out(const Learner& learner, const py::object& observation) {
+  const int critic_only = learner.config().critic_only;
+  if (critic_only == 0) return 0;
+  const auto array = py::array::ensure(observation);
+  const bool is_actors_part = array && array.ndim() == 2 && array.shape(1) == learner.config().observation_size - critic_only;
+  return is_actors_part ? critic_only : 0;
+}
+
 // kFill writes the rows of an array: actions, which have this shape, or values.
 template <auto kFill, class AnyLearner>
-py::array_t<float> filled(AnyLearner& learner, const py::object& observation, const Shape& row) {
-  const Input<float> input = observations(learner, observation, "observation");
+py::array_t<float> filled(AnyLearner& learner, const py::object& observation, const Shape& row, int without = 0) {
+  const Input<float> input = observations(learner, observation, "observation", -1, without);
   Shape shape{static_cast<py::ssize_t>(input.rows())};
   shape.insert(shape.end(), row.begin(), row.end());
   py::array_t<float> array(shape);
@@ -55,11 +65,11 @@ py::array_t<float> filled(AnyLearner& learner, const py::object& observation, co
 }
 
 py::array_t<float> predict(const Learner& learner, const py::object& observation) {
-  return filled<&Learner::predict>(learner, observation, action_shape(learner, {}));
+  return filled<&Learner::predict>(learner, observation, action_shape(learner, {}), left_out(learner, observation));
 }
 
 py::array_t<float> sample(Learner& learner, const py::object& observation) {
-  return filled<&Learner::sample>(learner, observation, action_shape(learner, {}));
+  return filled<&Learner::sample>(learner, observation, action_shape(learner, {}), left_out(learner, observation));
 }
 
 py::array_t<float> values(const Learner& learner, const py::object& observation) {

@@ -337,6 +337,7 @@ def ppo_arguments() -> str:
     from flockstep.learning.sb3_models import SCHEDULES
 
     fields = {field["name"]: field for config in ("RolloutConfig", "UpdateConfig") for field in fields_of(config)}
+    fields |= {field["name"]: field for field in fields_of("NetworkConfig") if field["name"] == "critic_only"}
     types = {name: field["type"] for name, field in fields.items()}
     types |= {name: types[name].replace("float", "Schedule") for name in SCHEDULES}
     listed = {}

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
         LidarConfig,
         Light,
         NavigationReward,
+        ObservationConfig,
         PoseSensorConfig,
+        Variation,
         WindConfig,
     )
 
@@ -63,10 +65,18 @@ class EnvKeywords(TypedDict, total=False):
         At most 4096 lights, of which each episode of an env draws one. Empty: the lights of the worlds.
     episode
         Begin and end of episodes.
+    observed
+        History, past actions and delay of what a task observes.
     clock
         Rates of policy, controller and physics.
     dynamics
         Motion model of the drones.
+    variations
+        What differs from drone to drone, and how it is drawn; needs ``motion="rotors"``. `flockstep.vary` makes the
+        list.
+    frames
+        Drones whose airframes an episode draws from, instead of that of ``drone``: names, files, or
+        ``"random/seed-7"``. Hull and sensors stay those of ``drone``.
 
         For every task, from `EpisodeConfig`, which documents them: ``episodes``, ``max_episode_steps``, ``frame_skip``,
         ``stagger_first_episode``, ``random_world``.
@@ -122,8 +132,11 @@ class EnvKeywords(TypedDict, total=False):
     max_bodies: int | None
     lights: Light | Sequence[Light] | None
     episode: EpisodeConfig | None
+    observed: ObservationConfig | None
     clock: ClockConfig | None
     dynamics: DynamicsConfig | None
+    variations: Variation | Sequence[Variation] | None
+    frames: str | Sequence[str] | None
     episodes: Literal["team", "each", "last"]
     max_episode_steps: int | None
     frame_skip: int

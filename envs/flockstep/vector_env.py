@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from flockstep import scenes, serialization, stepping
-from flockstep._core import Batch, NativeTask, Recipe, World
+from flockstep._core import Batch, NativeTask, ObservationConfig, Recipe, World
 from flockstep.drone_mesh import DroneMesh
 from flockstep.errors import ClosedError
 from flockstep.keywords import autoreset_name, keywords_of, names_of_worlds, require_count, route, show_keywords
@@ -250,7 +250,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
             self.single_action_space = action_space(self.batch.spec)
         else:
             routed.calls.attach(self.batch)
-            self.single_observation_space = self.task.observation_space
+            is_own = recipe.observed == ObservationConfig() and not recipe.privileged  # the task's own object
+            self.single_observation_space = (
+                self.task.observation_space if is_own else observation_space(self.batch.spec)
+            )
             self.single_action_space = self.task.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)

@@ -217,6 +217,7 @@ class FLOCKSTEP_API Batch {
 
   // --- the task; std::logic_error without one, or before the first reset
   const Task* task() const;                                             // null without one
+  const TaskSpec& spec() const;                                         // of the task, with BatchConfig::observed
   void reset(std::span<const std::uint64_t> seeds, EnvMask mask = {});  // seeds (E,); empty: the next episode of each env
   // Resets by a mask of drones. With Episodes::each the selected drones begin their next episodes, while their envs go on. With
   // Episodes::last an env begins its next episode if all of its drones are selected, or one of them after all have ended; before

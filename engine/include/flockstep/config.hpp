@@ -14,6 +14,7 @@
 #include "flockstep/fields.hpp"
 #include "flockstep/interaction.hpp"
 #include "flockstep/light.hpp"
+#include "flockstep/observation.hpp"
 #include "flockstep/sensors/camera.hpp"
 #include "flockstep/sensors/imu.hpp"
 #include "flockstep/sensors/lidar.hpp"
@@ -46,10 +47,12 @@ struct BatchConfig {
   int max_bodies = 0;
   std::vector<Light> lights;
   EpisodeConfig episode;
+  ObservationConfig observed;
   ClockConfig clock;
   DynamicsConfig dynamics;
   std::vector<Variation> variations;
   std::vector<std::string> frames;
+  std::vector<std::string> privileged;
 
   static constexpr int kMaxDrones = 1 << 20;        // total over all envs
   static constexpr std::size_t kMaxLights = 4096;   // length of `lights`
@@ -104,6 +107,7 @@ struct BatchConfig {
         field("lights", &C::lights,
               {.about = "At most 4096 lights, of which each episode of an env draws one. Empty: the lights of the worlds."}),
         field("episode", &C::episode, {.about = "Begin and end of episodes."}),
+        field("observed", &C::observed, {.about = "History, past actions and delay of what a task observes."}),
         field("clock", &C::clock, {.about = "Rates of policy, controller and physics."}),
         field("dynamics", &C::dynamics, {.about = "Motion model of the drones."}),
         field("variations", &C::variations,
@@ -111,7 +115,11 @@ struct BatchConfig {
                         "makes the list."}),
         field("frames", &C::frames,
               {.about = "Drones whose airframes an episode draws from, instead of that of ``drone``: names, files, or "
-                        "``\"random/seed-7\"``. Hull and sensors stay those of ``drone``."}));
+                        "``\"random/seed-7\"``. Hull and sensors stay those of ``drone``."}),
+        field("privileged", &C::privileged,
+              {.about = "Parameters of the drone at the end of a task's observation, current and minus their defaults: names of "
+                        "fields of `DroneParameters`, or of elements. They need ``variations``. Keep them from the policy by "
+                        "``critic_only`` of `flockstep.PPO`."}));
   }
 
   int num_drones() const { return num_envs * drones_per_env; }  // N

@@ -33,7 +33,7 @@ struct EnumNames<Features> {
   static constexpr std::array kNames{"flat", "goal", "blob", "point"};
 };
 
-// Actor and critic: two networks of fully connected layers on the same inputs.
+// Actor and critic: two networks of fully connected layers. The actor has the same inputs, or only the first ones.
 struct NetworkConfig {
   int observation_size = 1;
   int action_size = 1;
@@ -42,6 +42,7 @@ struct NetworkConfig {
   std::vector<int> critic_layers = {64, 64};
   Activation activation = Activation::tanh;
   Features features = Features::flat;
+  int critic_only = 0;
 
   static constexpr auto fields() {
     using C = NetworkConfig;
@@ -56,11 +57,15 @@ struct NetworkConfig {
         field("activation", &C::activation, {.about = "Function after each hidden layer."}),
         field("features", &C::features,
               {.about = "Function from observations to inputs: ``\"flat\"`` for the observation itself, ``\"goal\"``, "
-                        "``\"blob\"`` and ``\"point\"`` as `flockstep.sb3.GoalFeatures` and so on."}));
+                        "``\"blob\"`` and ``\"point\"`` as `flockstep.sb3.GoalFeatures` and so on."}),
+        field("critic_only", &C::critic_only,
+              {.about = "Numbers at the end of an observation that only the critic gets, as they are, past the features. The "
+                        "policy acts without them.",
+               .limits = between(0, 4096)}));
   }
 
   FLOCKSTEP_API void validate() const;
-  FLOCKSTEP_API int input_size() const;  // inputs of the networks
+  FLOCKSTEP_API int input_size() const;  // inputs of the critic; the actor has critic_only fewer
 };
 
 // One update from a rollout.
@@ -230,7 +235,7 @@ class FLOCKSTEP_API Learner {
   void set_discounted_returns(std::span<const double> values);
 
   // --- acting; observations (R, observation_size)
-  // Writes the most probable actions: (R, action_size) numbers, or (R,) indices.
+  // Writes the most probable actions: (R, action_size) numbers, or (R,) indices. Observations may be without critic_only.
   void predict(std::span<const float> observation, std::span<float> action) const;
   // Draws actions, in the same form, not limited to the bounds of the action.
   void sample(std::span<const float> observation, std::span<float> action);

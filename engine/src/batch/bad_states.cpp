@@ -84,7 +84,8 @@ void drop_bad_terms(Simulation& sim, std::size_t first_row, std::size_t count) {
 }
 
 void check_observations(Simulation& sim, const EnvList& envs, bool flown) {
-  const std::vector<Field>& fields = sim.task_state->spec().observation;
+  const std::vector<Field>& fields = sim.task_state->task->spec().observation;
+  const std::span<Buffer> observed = sim.observed();
   const std::size_t rows = sim.rows_per_env();
   const auto check = [&]<class T>(const Field& field, Buffer& values, T) {
     for_each_contiguous(envs, [&](std::size_t first_env, std::size_t count) {
@@ -102,7 +103,7 @@ void check_observations(Simulation& sim, const EnvList& envs, bool flown) {
     });
   };
   for (std::size_t i = 0; i < fields.size(); ++i) {
-    Buffer& values = sim.outputs.now().observation[i];
+    Buffer& values = observed[i];
     if (fields[i].type == DType::float32) check(fields[i], values, 0.0F);
     if (fields[i].type == DType::float64) check(fields[i], values, 0.0);
   }

@@ -88,6 +88,11 @@ void reset_listed_drones(Simulation& sim, DroneMask mask) {
 
 const Task* Batch::task() const { return sim_->task_state ? sim_->task_state->task.get() : nullptr; }
 
+const TaskSpec& Batch::spec() const {
+  checks::has_task(*sim_);
+  return sim_->task_state->spec();
+}
+
 void Batch::reset(std::span<const std::uint64_t> seeds, EnvMask mask) {
   const LongCallGuard guard(*lock_);
   checks::not_stepping(*sim_, "reset");

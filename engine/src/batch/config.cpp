@@ -9,6 +9,7 @@
 #include "base/require.hpp"
 #include "batch/growth.hpp"
 #include "bodies/body_model.hpp"
+#include "dynamics/shown_parameters.hpp"
 #include "sensors/sensor.hpp"
 
 namespace flockstep {
@@ -24,6 +25,8 @@ void EpisodeConfig::validate() const {
   require(!stagger_first_episode || max_episode_steps != 0, "stagger_first_episode",
           "False with max_episode_steps=0 (there is no limit to stagger)", "True");
 }
+
+void ObservationConfig::validate() const { check_fields(*this, "observed."); }
 
 void ClockConfig::validate() const {
   check_fields(*this, "");
@@ -117,6 +120,10 @@ void BatchConfig::validate() const {
   require(!dynamics.is_kinematic() || (variations.empty() && frames.empty()), variations.empty() ? "frames" : "variations",
           "none for kinematic motion (it has no flight model: give motion=\"rotors\")", "some");
   require(frames.size() <= kMaxFrames, "frames", "at most 65536", frames.size());
+  const std::string shown = privileged.empty() ? "" : '"' + privileged[0] + '"';
+  require(privileged.empty() || !variations.empty() || frames.size() > 1, "privileged", "none without variations, which it shows",
+          shown);
+  static_cast<void>(dynamics::ShownParameters(privileged));  // refuses unknown names
   require(lights.size() <= kMaxLights, "lights", "at most 4096", lights.size());
   for_each_field(*this, [&](const auto& entry, const auto& value) { check_sensors(entry.name, value, *this); });
   for (const LidarConfig& lidar : lidars) {

@@ -55,6 +55,10 @@ BatchConfig validated(BatchConfig config, const Task* task) {
   for (const Light& light : config.lights) checks::drawable(config, light);
   require(task == nullptr || config.num_drones() > 0, "num_drones = num_envs x drones_per_env",
           "at least one drone with a task (its arrays cannot grow)", config.num_drones());
+  require(task != nullptr || config.observed.is_off(), "observed",
+          "its default for a batch without a task, which observes nothing", "another");
+  require(task != nullptr || config.privileged.empty(), "privileged", "none for a batch without a task, which observes nothing",
+          config.privileged.size());
   checks::memory(sensor_bytes(config));
   return config;
 }
@@ -146,9 +150,13 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   if (!sim.pool) {
     for (const World* const world : sim.world_pointers) task_state.task->require_world(*world, sim.drone_model);
   }
+  checks::spec(task_state.task->spec());
+  task_state.rows_per_env = task_state.task->spec().row == Row::drone ? sim.drones_per_env() : 1;
+  if (!sim.config.observed.is_off() || !sim.config.privileged.empty()) {
+    task_state.memory.emplace(sim.config, task_state.task->spec(), sim.num_rows());
+    checks::spec(task_state.spec());
+  }
   const TaskSpec& spec = task_state.spec();
-  checks::spec(spec);
-  task_state.rows_per_env = spec.row == Row::drone ? sim.drones_per_env() : 1;
   require(sim.episodes_mode() == Episodes::team || spec.row == Row::drone, "episodes",
           "\"team\" for a task with a row for each env, whose drones share an episode", quoted(sim.config.episode.episodes));
   double bytes = 0.0;  // bytes of a row: two slots, each with the current and the final observation

@@ -18,6 +18,7 @@
 #include "base/workers.hpp"
 #include "batch/contact_groups.hpp"
 #include "batch/move_lines.hpp"
+#include "batch/observation_memory.hpp"
 #include "batch/outputs.hpp"
 #include "batch/pool_state.hpp"
 #include "batch/schedule.hpp"
@@ -64,7 +65,10 @@ struct TaskState {
   int max_episode_steps = 0;     // 0: no limit
   std::size_t rows_per_env = 1;  // drones_per_env if each drone has a row
 
-  const TaskSpec& spec() const { return task->spec(); }
+  std::optional<ObservationMemory> memory;  // nothing if agents observe what the task observes
+
+  // The task as agents see it.
+  const TaskSpec& spec() const { return memory ? memory->spec() : task->spec(); }
   // Returns the buffer for the actions of a new step; those of the last step become the previous ones.
   template <class T>
   T* next_actions() {
@@ -114,6 +118,8 @@ struct Simulation {
     if (part == Part::flying) return state.active[drone] && episodes.flying[drone] && !episodes.done[drone];
     return state.active[drone] && begins[drone];
   }
+  // The buffers that the task observes into: the outputs, unless agents observe something else.
+  std::span<Buffer> observed() { return task_state->memory ? task_state->memory->newest() : outputs.now().observation; }
   // The slot of each env's world in the tables below.
   const std::vector<std::int32_t>& slots() const { return pool ? pool->slots : state.world_index; }
   std::size_t slot_of(EnvIndex env) const { return static_cast<std::size_t>(slots()[env]); }

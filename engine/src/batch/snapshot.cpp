@@ -19,7 +19,7 @@ namespace flockstep {
 namespace {
 
 constexpr std::uint64_t kMagic = 0x504554534b434f4cULL;  // "LOCKSTEP"
-constexpr std::uint64_t kFormat = 13;                    // format of a snapshot; increment with each change
+constexpr std::uint64_t kFormat = 14;                    // format of a snapshot; increment with each change
 
 struct Header {
   std::uint64_t magic, format, config, length, checksum;
@@ -118,6 +118,7 @@ void visit_own(Simulation& sim, ArrayVisitor& visitor) {
   visitor.fields(sim.episodes);
   visitor.bytes("actions", sim.task_state->actions.bytes(), sim.task_state->actions.type());
   visitor.fields(sim.outputs.now());
+  if (sim.task_state->memory) sim.task_state->memory->visit(visitor);
 }
 
 void visit(Simulation& sim, ArrayVisitor& visitor) {
@@ -329,6 +330,7 @@ void check_values_of(Simulation& sim) {
   for (const std::uint8_t end : sim.outputs.now().episode_end) {
     require(end < EnumNames<EpisodeEnd>::kNames.size(), "snapshot: episode_end", "a member of EpisodeEnd", +end);
   }
+  if (sim.task_state->memory) sim.task_state->memory->check();
   sim.task_state->task->check();
 }
 

@@ -278,6 +278,21 @@ void begin_program(Simulation& sim, Executor& executor, bool place) {
   executor.finish_frames();
 }
 
+// Writes what agents observe, if it is not just what the task observes.
+template <List kList>
+void show(Simulation& sim, Block& block, Scratch& scratch) {
+  TaskState& task_state = *sim.task_state;
+  if (!task_state.memory) return;
+  const auto show_row = [&](std::size_t row, RandomKey key) {
+    task_state.memory->show(sim.state, key, row, sim.episodes.steps[row], task_state.actions, sim.outputs.now().observation);
+  };
+  if (task_state.spec().row == Row::env) {
+    for (const EnvIndex env : block.*kList) show_row(env, RandomKey::of(env));
+  } else {
+    for (const DroneIndex drone : sim.drones_of(block.*kList, scratch)) show_row(drone, sim.random_key(drone));
+  }
+}
+
 void keep(Simulation& sim, Block& block, Scratch&) { keep_final(sim, block); }
 void show_rest(Simulation& sim, Block& block, Scratch&) { show_finished(sim, block); }
 
@@ -313,8 +328,9 @@ void fly_program(Simulation& sim, Executor& executor, Pilot* pilot) {
   }
   // With same-step autoreset an env is observed twice: at the end of its episode and at the start of the next.
   if (resets_at_once(sim)) {
-    executor.task({&Block::flown}, [&](const TaskBlock& envs) { task.observe(envs, sim.outputs.now().observation); });
+    executor.task({&Block::flown}, [&](const TaskBlock& envs) { task.observe(envs, sim.observed()); });
     executor.each(check_flown);
+    executor.each(show<&Block::flown>);
     executor.each(keep);
   }
   executor.each([](Simulation& s, Block& block, Scratch&) { list_resetting(s, block); });
@@ -322,17 +338,20 @@ void fly_program(Simulation& sim, Executor& executor, Pilot* pilot) {
 
 template <class Executor>
 void turn_program(Simulation& sim, Executor& executor) {
-  const auto observe = [&](const TaskBlock& envs) { sim.task_state->task->observe(envs, sim.outputs.now().observation); };
+  const auto observe = [&](const TaskBlock& envs) { sim.task_state->task->observe(envs, sim.observed()); };
   executor.each(advance_episodes);
   begin_program(sim, executor, true);
   if (resets_at_once(sim)) {
     executor.task({&Block::resetting}, observe);
     executor.each(check_first_observations);
+    executor.each(show<&Block::resetting>);
     if (sim.episodes_mode() == Episodes::last) executor.each(show_rest);
   } else {
     executor.task({&Block::flown, &Block::resetting}, observe);
     executor.each(check_flown);
     executor.each(check_first_observations);
+    executor.each(show<&Block::flown>);
+    executor.each(show<&Block::resetting>);
     executor.each(keep);
   }
 }
@@ -394,9 +413,9 @@ void begin_episodes(Simulation& sim, bool place) {
   const Stepping stepping(sim);
   StageByStage executor(sim);
   begin_program(sim, executor, place);
-  executor.task({&Block::resetting},
-                [&](const TaskBlock& envs) { sim.task_state->task->observe(envs, sim.outputs.now().observation); });
+  executor.task({&Block::resetting}, [&](const TaskBlock& envs) { sim.task_state->task->observe(envs, sim.observed()); });
   executor.each(check_first_observations);
+  executor.each(show<&Block::resetting>);
   if (sim.pool) look_ahead(sim);
 }
 

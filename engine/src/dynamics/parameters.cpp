@@ -123,22 +123,26 @@ void check_parameters(std::span<const float> parameters, const std::string& name
   }
 }
 
+std::vector<std::size_t> parameters_named(const std::string& name, const char* field) {
+  const auto& infos = parameter_infos();
+  std::vector<std::size_t> numbers;
+  for (std::size_t i = 0; i < infos.size(); ++i) {
+    if (name == infos[i].name || name == infos[i].field) numbers.push_back(i);
+  }
+  if (!numbers.empty()) return numbers;
+  std::vector<std::string_view> known;
+  for (const ParameterInfo& info : infos) known.push_back(info.name);
+  const std::string_view nearest = nearest_name(name, known);
+  const std::string hint = nearest.empty() ? "such as \"mass_scale\"" : "such as \"" + std::string(nearest) + '"';
+  refuse(field, "a field of DroneParameters, " + hint, '"' + name + '"');
+}
+
+const Limits& limits_of_parameter(std::size_t number) { return parameter_infos()[number].limits; }
+
 Variations::Variations(std::span<const Variation> variations, std::size_t num_frames, const ClockConfig& clock) {
   const auto& infos = parameter_infos();
   for (const Variation& variation : variations) {
-    bool is_known = false;
-    for (std::size_t i = 0; i < infos.size(); ++i) {
-      if (variation.parameter != infos[i].name && variation.parameter != infos[i].field) continue;
-      is_known = true;
-      add(variation, i);
-    }
-    if (!is_known) {
-      std::vector<std::string_view> known;
-      for (const ParameterInfo& info : infos) known.push_back(info.name);
-      const std::string_view nearest = nearest_name(variation.parameter, known);
-      const std::string hint = nearest.empty() ? "such as \"mass_scale\"" : "such as \"" + std::string(nearest) + '"';
-      refuse("variations.parameter", "a field of DroneParameters, " + hint, '"' + variation.parameter + '"');
-    }
+    for (const std::size_t number : parameters_named(variation.parameter, "variations.parameter")) add(variation, number);
   }
   const auto draws_frame = [&](const Entry& entry) { return infos[entry.number].name == "frame"; };
   if (num_frames > 1 && std::ranges::none_of(entries_, draws_frame)) {

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "base/random.hpp"
@@ -58,6 +59,11 @@ class Variations {
   DroneParameters least_, greatest_;
   bool has_interval_ = false, differ_ = false;
 };
+
+// Numbers of the floats that a name stands for, such as "stretch" or "stretch[2]". Throws std::invalid_argument with the name of
+// the field that holds it, unless it is a field of DroneParameters or an element of one.
+std::vector<std::size_t> parameters_named(const std::string& name, const char* field);
+const Limits& limits_of_parameter(std::size_t number);
 
 // The floats of parameters in the order of parameter_names().
 inline std::span<float, kNumParameters> floats_of(DroneParameters& parameters) {

@@ -78,7 +78,7 @@ std::span<const float> Learner::act(int t, std::span<const float> observation, s
   parts.take_observations(observation, skipped);
   ++parts.draws;
   const auto step = static_cast<std::size_t>(t);
-  parts.for_observations(observation.data(), rollout.rows,
+  parts.for_observations(observation, rollout.rows,
                          [&](Pass& pass, std::size_t from, std::size_t count) { parts.draw_actions(pass, step, from, count); });
   const std::size_t size = rollout.rows * parts.action_size();
   const std::span<const float> actions = std::span(rollout.actions).subspan(step * size, size);
@@ -135,7 +135,7 @@ void Learner::record(int t, const StepResults& results) {
     for (std::size_t i = 0; i < cut.size(); ++i) {
       std::copy_n(results.final_observation.data() + cut[i] * size, size, observations.data() + i * size);
     }
-    parts.write_values(observations.data(), cut.size(), values.data());
+    parts.write_values(observations, values);
     const auto gamma = static_cast<float>(rollout.config.gamma);
     for (std::size_t i = 0; i < cut.size(); ++i) rollout.rewards[first + cut[i]] += gamma * values[i];
   }
@@ -150,7 +150,7 @@ void Learner::finish(std::span<const float> observation) {
   require_size(observation.size(), parts.rollout.rows * parts.observation_size, "observation");
   require_finite(observation, parts.observation_size, "observation");
   std::vector<float> values(parts.rollout.rows);
-  parts.write_values(observation.data(), parts.rollout.rows, values.data());
+  parts.write_values(observation, values);
   parts.rollout.estimate_advantages(values.data());
   parts.is_finished = true;
 }
@@ -196,7 +196,7 @@ class Learner::Parts::StepPilot : public Pilot {
           note_bad(from + i);
           std::fill(observation.begin(), observation.end(), 0.0F);
         }
-        parts_.write_inputs(observation.data(), normalised, pass.inputs() + i * parts_.input_stride);
+        parts_.write_inputs(observation, normalised, pass.inputs() + i * parts_.input_stride);
       }
       parts_.draw_actions(pass, t_, from, count);
       for (std::size_t i = 0; i < count; ++i) write_action(from + i, actions);
@@ -252,7 +252,7 @@ void Learner::read_observation(const Batch& batch, std::span<float> observation)
   const SingleCaller::Call call(parts_->callers);
   parts_->require_fits(batch);
   require_size(observation.size(), parts_->rollout.rows * parts_->observation_size, "observation");
-  const std::vector<std::size_t> fields = by_name(batch.task()->spec().observation);
+  const std::vector<std::size_t> fields = by_name(batch.spec().observation);
   for (std::size_t row = 0; row < parts_->rollout.rows; ++row) {
     write_row(batch.outputs().observation, fields, row, observation.data() + row * parts_->observation_size);
   }
@@ -265,7 +265,7 @@ void Learner::fly(int t, Batch& batch, float reward_scale) {
   require(t == parts.next && t < rollout.config.n_steps, "t", "step " + std::to_string(parts.next), t);
   parts.require_fits(batch);
   require(std::isfinite(reward_scale), "reward_scale", "a finite number", reward_scale);
-  const TaskSpec& spec = batch.task()->spec();
+  const TaskSpec& spec = batch.spec();
   const std::vector<std::size_t> fields = by_name(spec.observation);
   while (parts.passes.size() < static_cast<std::size_t>(batch.num_threads())) parts.passes.emplace_back(parts.network);
   if (rollout.config.normalize_observations) {
@@ -307,7 +307,7 @@ void Learner::fly(int t, Batch& batch, float reward_scale) {
 
 void Learner::Parts::require_fits(const Batch& batch) const {
   require(batch.task() != nullptr, "batch", "a batch with a task", "one without");
-  const TaskSpec& spec = batch.task()->spec();
+  const TaskSpec& spec = batch.spec();
   const Outputs& outputs = batch.outputs();
   require(outputs.reward.size() == rollout.rows, "batch", std::to_string(rollout.rows) + " rows", outputs.reward.size());
   std::size_t size = 0;

@@ -36,10 +36,13 @@ std::int64_t count_parameters(std::int64_t in, const std::vector<int>& hidden, s
 // Calls choose(outputs of the policy, row, action) for each row of observations.
 template <class Parts, class Choose>
 void choose_actions(Parts& parts, std::span<const float> observation, std::span<float> action, const Choose& choose) {
-  const std::size_t rows = rows_of(observation, parts.observation_size, "observation"), size = parts.action_size();
+  const std::size_t size = parts.action_size();
+  const bool is_actors_part = observation.size() == action.size() / size * parts.actor_size;
+  const std::size_t width = is_actors_part ? parts.actor_size : parts.observation_size;
+  const std::size_t rows = rows_of(observation, width, "observation");
   require_size(action.size(), rows * size, "action");
-  require_finite(observation, parts.observation_size, "observation");
-  parts.for_observations(observation.data(), rows, [&](auto& pass, std::size_t from, std::size_t count) {
+  require_finite(observation, width, "observation");
+  parts.for_observations(observation, rows, [&](auto& pass, std::size_t from, std::size_t count) {
     const float* const outputs = pass.forward_actor(parts.parameters.data(), parts.transposed.data(), count);
     for (std::size_t i = 0; i < count; ++i) {
       choose(outputs + i * padded(parts.distribution.outputs()), from + i, action.data() + (from + i) * size);
@@ -78,8 +81,13 @@ void NetworkConfig::validate() const {
   const int least = features == Features::goal || features == Features::point ? 3 : features == Features::blob ? 2 : 1;
   require(observation_size >= least, "observation_size", "at least " + std::to_string(least) + " with these features",
           observation_size);
+  require(observation_size - critic_only >= least, "critic_only",
+          "at most " + std::to_string(observation_size - least) + ", which leaves the actor " + std::to_string(least) + " of " +
+              std::to_string(observation_size) + " numbers",
+          critic_only);
   const std::int64_t in = input_size();
-  const std::int64_t count = count_parameters(in, actor_layers, action_size) + count_parameters(in, critic_layers, 1);
+  const std::int64_t count =
+      count_parameters(in - critic_only, actor_layers, action_size) + count_parameters(in, critic_layers, 1);
   require(count <= kMaxParameters, "actor_layers, critic_layers", "at most " + std::to_string(kMaxParameters) + " parameters",
           count);
 }
@@ -97,6 +105,7 @@ void RolloutConfig::validate() const { check_fields(*this, ""); }
 Learner::Parts::Parts(NetworkConfig new_config, int num_threads, std::uint64_t new_seed)
     : config((new_config.validate(), std::move(new_config))),
       observation_size(static_cast<std::size_t>(config.observation_size)),
+      actor_size(observation_size - static_cast<std::size_t>(config.critic_only)),
       input_stride(padded(static_cast<std::size_t>(config.input_size()))),
       network(config),
       distribution(config),
@@ -118,21 +127,21 @@ void Learner::Parts::prepare() {
   distribution.set(parameters.data() + network.log_std);
 }
 
-void Learner::Parts::write_inputs(const float* observation, std::vector<float>& normalised, float* inputs) const {
+void Learner::Parts::write_inputs(std::span<const float> observation, std::vector<float>& normalised, float* inputs) const {
   if (rollout.config.normalize_observations) {
-    normalised.resize(observation_size);
-    for (std::size_t i = 0; i < observation_size; ++i) {
+    normalised.resize(observation.size());
+    for (std::size_t i = 0; i < observation.size(); ++i) {
       const double value = (static_cast<double>(observation[i]) - observation_moments.mean[i]) /
                            std::sqrt(observation_moments.variance[i] + kMinVariance);
       normalised[i] = std::clamp(static_cast<float>(value), -kClip, kClip);
     }
-    observation = normalised.data();
+    observation = normalised;
   }
-  learning::write_inputs(config.features, observation, observation_size, inputs);
+  learning::write_inputs(config.features, observation.data(), actor_size, observation.size(), inputs);
 }
 
-void Learner::Parts::write_values(const float* observations, std::size_t rows, float* values) {
-  for_observations(observations, rows, [&](Pass& pass, std::size_t from, std::size_t count) {
+void Learner::Parts::write_values(std::span<const float> observations, std::span<float> values) {
+  for_observations(observations, values.size(), [&](Pass& pass, std::size_t from, std::size_t count) {
     const float* const outputs = pass.forward_critic(parameters.data(), transposed.data(), count);
     for (std::size_t i = 0; i < count; ++i) values[from + i] = outputs[i * kPad];
   });
@@ -235,6 +244,6 @@ void Learner::values(std::span<const float> observation, std::span<float> value)
   const std::size_t rows = rows_of(observation, parts_->observation_size, "observation");
   require_size(value.size(), rows, "value");
   require_finite(observation, parts_->observation_size, "observation");
-  parts_->write_values(observation.data(), rows, value.data());
+  parts_->write_values(observation, value);
 }
 }  // namespace flockstep

@@ -106,22 +106,23 @@ struct Learner::Parts {
 
   // Call it after the parameters have changed.
   void prepare();
-  // Writes the inputs of a network for one observation. normalised: memory for it.
-  void write_inputs(const float* observation, std::vector<float>& normalised, float* inputs) const;
+  // Writes the inputs of the networks for one observation, of all numbers or of the actor's. normalised: memory for it.
+  void write_inputs(std::span<const float> observation, std::vector<float>& normalised, float* inputs) const;
   // Calls f(pass, first row, rows) for all rows, a few at a time, on all threads; the inputs of the pass are those of the rows.
   template <class F>
-  void for_observations(const float* observations, std::size_t rows, const F& f) {
+  void for_observations(std::span<const float> observations, std::size_t rows, const F& f) {
+    const std::size_t width = observations.size() / std::max<std::size_t>(rows, 1);
     workers.run((rows + Pass::kRows - 1) / Pass::kRows, [&](std::size_t part, std::size_t thread) {
       Pass& pass = passes[thread];
       std::vector<float> normalised;
       const std::size_t from = part * Pass::kRows, count = std::min(Pass::kRows, rows - from);
       for (std::size_t i = 0; i < count; ++i) {
-        write_inputs(observations + (from + i) * observation_size, normalised, pass.inputs() + i * input_stride);
+        write_inputs(observations.subspan((from + i) * width, width), normalised, pass.inputs() + i * input_stride);
       }
       f(pass, from, count);
     });
   }
-  void write_values(const float* observations, std::size_t rows, float* values);
+  void write_values(std::span<const float> observations, std::span<float> values);
   // Takes the observations of the rows that fly into account if they are normalised. skipped: (R,), or empty: all fly.
   void take_observations(std::span<const float> observations, std::span<const std::uint8_t> skipped);
 
@@ -139,7 +140,7 @@ struct Learner::Parts {
                            Pass& pass, AlignedVector<float>& gradient);
 
   const NetworkConfig config;
-  const std::size_t observation_size, input_stride;
+  const std::size_t observation_size, actor_size, input_stride;  // actor_size: numbers of an observation that the actor gets
   const learning::Network network;
   learning::Distribution distribution;
   const std::uint64_t seed;

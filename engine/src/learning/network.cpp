@@ -31,7 +31,10 @@ std::size_t input_size(Features features, std::size_t observation_size) {
   return observation_size;
 }
 
-void write_inputs(Features features, const float* observation, std::size_t observation_size, float* inputs) {
+namespace {
+
+// Writes the features of an observation.
+void write_features(Features features, const float* observation, std::size_t observation_size, float* inputs) {
   switch (features) {
     case Features::flat:
       std::copy_n(observation, observation_size, inputs);
@@ -56,8 +59,6 @@ void write_inputs(Features features, const float* observation, std::size_t obser
   }
 }
 
-namespace {
-
 std::vector<Layer> layers_of(std::size_t in, const std::vector<int>& hidden, std::size_t out, Activation activation,
                              Network& network) {
   std::vector<Layer> layers;
@@ -79,10 +80,15 @@ std::vector<Layer> layers_of(std::size_t in, const std::vector<int>& hidden, std
 
 }  // namespace
 
+void write_inputs(Features features, const float* observation, std::size_t actor_size, std::size_t size, float* inputs) {
+  write_features(features, observation, actor_size, inputs);
+  std::copy_n(observation + actor_size, size - actor_size, inputs + input_size(features, actor_size));
+}
+
 Network::Network(const NetworkConfig& config) {
   const auto in = static_cast<std::size_t>(config.input_size()), actions = static_cast<std::size_t>(config.action_size);
   if (!config.is_discrete) num_padded = padded(actions);
-  actor = layers_of(in, config.actor_layers, actions, config.activation, *this);
+  actor = layers_of(in - static_cast<std::size_t>(config.critic_only), config.actor_layers, actions, config.activation, *this);
   critic = layers_of(in, config.critic_layers, 1, config.activation, *this);
   const auto add = [&](const std::string& name, std::vector<int> shape, Place place) {
     std::size_t count = 1;
@@ -169,7 +175,9 @@ void Network::transpose_all(const AlignedVector<float>& parameters, AlignedVecto
   for (const Layer& layer : critic) transpose(layer, parameters.data(), transposed.data());
 }
 
-Pass::Pass(const Network& network) : network_(network), inputs_(kRows * padded(network.actor.front().in)) {
+Pass::Pass(const Network& network) : network_(network), inputs_(kRows * padded(network.critic.front().in)) {
+  const std::size_t in = network.actor.front().in;
+  if (in != network.critic.front().in) actor_inputs_.resize(kRows * padded(in));
   for (const auto& [layers, values] : {std::pair{&network.actor, &actor_}, std::pair{&network.critic, &critic_}}) {
     for (const Layer& layer : *layers) {
       const std::size_t count = kRows * padded(layer.out);
@@ -178,9 +186,16 @@ Pass::Pass(const Network& network) : network_(network), inputs_(kRows * padded(n
   }
 }
 
-const float* Pass::forward(const std::vector<Layer>& layers, std::vector<Values>& values, const float* parameters,
-                           const float* transposed, std::size_t rows) {
-  const float* from = inputs_.data();
+void Pass::copy_actor_inputs(std::size_t rows) {
+  const std::size_t in = network_.actor.front().in, stride = padded(network_.critic.front().in);
+  for (std::size_t row = 0; row < rows; ++row) {
+    std::copy_n(inputs_.data() + row * stride, in, actor_inputs_.data() + row * padded(in));
+  }
+}
+
+const float* Pass::forward(const std::vector<Layer>& layers, const float* inputs, std::vector<Values>& values,
+                           const float* parameters, const float* transposed, std::size_t rows) {
+  const float* from = inputs;
   for (std::size_t i = 0; i < layers.size(); ++i) {
     learning::forward(layers[i], parameters, transposed, from, rows, values[i].outputs.data());
     from = values[i].outputs.data();
@@ -188,10 +203,10 @@ const float* Pass::forward(const std::vector<Layer>& layers, std::vector<Values>
   return from;
 }
 
-void Pass::backward(const std::vector<Layer>& layers, std::vector<Values>& values, const float* parameters, std::size_t rows,
-                    float* gradient) {
+void Pass::backward(const std::vector<Layer>& layers, const float* inputs, std::vector<Values>& values, const float* parameters,
+                    std::size_t rows, float* gradient) {
   for (std::size_t i = layers.size(); i-- > 0;) {
-    const float* const from = i == 0 ? inputs_.data() : values[i - 1].outputs.data();
+    const float* const from = i == 0 ? inputs : values[i - 1].outputs.data();
     add_gradient(layers[i], from, values[i].gradients.data(), rows, gradient);
     if (i > 0) {
       learning::backward(layers[i], parameters, values[i].gradients.data(), layers[i - 1].after, from, rows,

@@ -15,8 +15,8 @@ namespace flockstep::learning {
 // Returns the number of inputs that an observation of this size becomes.
 std::size_t input_size(Features features, std::size_t observation_size);
 
-// Writes the inputs of one observation.
-void write_inputs(Features features, const float* observation, std::size_t observation_size, float* inputs);
+// Writes the inputs of one observation. Its first `actor_size` numbers become features, the other ones stay as they are.
+void write_inputs(Features features, const float* observation, std::size_t actor_size, std::size_t size, float* inputs);
 
 // The layers of actor and critic. The last layer gives the means or logits, or the value.
 struct Network {
@@ -55,23 +55,24 @@ class Pass {
 
   explicit Pass(const Network& network);
 
-  float* inputs() { return inputs_.data(); }  // (kRows, padded inputs), to be filled
+  float* inputs() { return inputs_.data(); }  // (kRows, padded inputs of the critic), to be filled
   // Send `rows` rows of the inputs through a network. Return the outputs, (rows, padded outputs).
   const float* forward_actor(const float* parameters, const float* transposed, std::size_t rows) {
-    return forward(network_.actor, actor_, parameters, transposed, rows);
+    if (!actor_inputs_.empty()) copy_actor_inputs(rows);
+    return forward(network_.actor, actor_inputs(), actor_, parameters, transposed, rows);
   }
   const float* forward_critic(const float* parameters, const float* transposed, std::size_t rows) {
-    return forward(network_.critic, critic_, parameters, transposed, rows);
+    return forward(network_.critic, inputs_.data(), critic_, parameters, transposed, rows);
   }
   // Gradients by the outputs, to be filled; numbers beyond the outputs stay 0.
   float* actor_gradients() { return actor_.back().gradients.data(); }
   float* critic_gradients() { return critic_.back().gradients.data(); }
   // Add the gradient by the parameters, after the forward pass of the same rows.
   void backward_actor(const float* parameters, std::size_t rows, float* gradient) {
-    backward(network_.actor, actor_, parameters, rows, gradient);
+    backward(network_.actor, actor_inputs(), actor_, parameters, rows, gradient);
   }
   void backward_critic(const float* parameters, std::size_t rows, float* gradient) {
-    backward(network_.critic, critic_, parameters, rows, gradient);
+    backward(network_.critic, inputs_.data(), critic_, parameters, rows, gradient);
   }
 
  private:
@@ -79,13 +80,18 @@ class Pass {
     AlignedVector<float> outputs, gradients;
   };
 
-  const float* forward(const std::vector<Layer>& layers, std::vector<Values>& values, const float* parameters,
-                       const float* transposed, std::size_t rows);
-  void backward(const std::vector<Layer>& layers, std::vector<Values>& values, const float* parameters, std::size_t rows,
-                float* gradient);
+  static const float* forward(const std::vector<Layer>& layers, const float* inputs, std::vector<Values>& values,
+                              const float* parameters, const float* transposed, std::size_t rows);
+  static void backward(const std::vector<Layer>& layers, const float* inputs, std::vector<Values>& values,
+                       const float* parameters, std::size_t rows, float* gradient);
+
+  const float* actor_inputs() const { return actor_inputs_.empty() ? inputs_.data() : actor_inputs_.data(); }
+  // Copies the actor's part of the inputs, since the numbers between the rows of a layer have to be 0.
+  void copy_actor_inputs(std::size_t rows);
 
   const Network& network_;
   AlignedVector<float> inputs_;
+  AlignedVector<float> actor_inputs_;  // (kRows, padded inputs of the actor); empty: those of the critic
   std::vector<Values> actor_, critic_;
 };
 

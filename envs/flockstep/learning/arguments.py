@@ -43,6 +43,9 @@ class Arguments:
         Greatest norm of the gradient.
     target_kl
         An update stops when a minibatch's approximate KL divergence exceeds 1.5 times this. None: never.
+    critic_only
+        Numbers at the end of an observation that only the critic gets, as they are, past the features. The policy acts
+        without them.
     normalize_observations
         Shift and scale each number of the observations to mean 0 and variance 1, both estimated from all observations
         so far that were flown from, and clip the results to +-10, as `VecNormalize` of Stable-Baselines3.
@@ -64,6 +67,7 @@ class Arguments:
     vf_coef: float
     max_grad_norm: float
     target_kl: float | None
+    critic_only: int
     normalize_observations: bool
     normalize_rewards: bool
 
@@ -97,6 +101,7 @@ class Arguments:
         _init_setup_model: bool = True,
         *,
         num_threads: int = 0,
+        critic_only: int = 0,
         normalize_observations: bool = False,
         normalize_rewards: bool = False,
         **unknown: NoReturn,
@@ -129,6 +134,7 @@ class Arguments:
             device=device,
             _init_setup_model=_init_setup_model,
             num_threads=num_threads,
+            critic_only=critic_only,
             normalize_observations=normalize_observations,
             normalize_rewards=normalize_rewards,
             **unknown,

@@ -132,7 +132,8 @@ def _model(cls: type[_Model], state: Mapping[str, Any], arrays: Mapping[str, npt
     model._check()
     model.observation_space = space_from(state["observation_space"])
     model.action_space = space_from(state["action_space"])
-    config = NetworkConfig(**state["network"])
+    config = NetworkConfig(**state["network"])  # a file from before a field has none, and its default
+    model.critic_only = config.critic_only
     require_fits(config, model.observation_space, model.action_space)
     expected = count_parameters(config)
     if arrays["parameters"].size != expected:

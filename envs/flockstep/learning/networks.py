@@ -44,7 +44,11 @@ _POLICIES = {
 
 
 def network_config(
-    policy: Any, observation_space: spaces.Space[Any], action_space: spaces.Space[Any], arguments: Mapping[str, Any]
+    policy: Any,
+    observation_space: spaces.Space[Any],
+    action_space: spaces.Space[Any],
+    arguments: Mapping[str, Any],
+    critic_only: int,
 ) -> tuple[NetworkConfig, float]:
     """Return the configuration of the networks, and the initial logarithm of the actions' standard deviations.
 
@@ -86,6 +90,7 @@ def network_config(
         critic_layers=critic,
         activation=_activation(arguments.get("activation_fn", "tanh")),
         features=_features(arguments.get("features_extractor_class", "FlattenExtractor")),
+        critic_only=critic_only,
     )
     if config.features != "flat" and isinstance(observation_space, spaces.Dict):
         raise ValueError("features_extractor_class: these features take an observation of one array, got a dict")
@@ -116,6 +121,33 @@ def observation_size(space: spaces.Space[Any]) -> int:
     return total
 
 
+def actor_space(space: spaces.Space[Any], critic_only: int) -> spaces.Space[Any]:
+    """Return the space of observations without the numbers at their end that only the critic gets."""
+    if isinstance(space, spaces.Dict):
+        parts: list[tuple[str, spaces.Space[Any]]] = []
+        for name, part in reversed(space.spaces.items()):
+            size = int(np.prod(part.shape or ()))
+            if not critic_only or size > critic_only:
+                parts.insert(0, (name, actor_space(part, critic_only)))
+            critic_only -= min(size, critic_only)
+        return spaces.Dict(parts)
+    assert isinstance(space, spaces.Box)
+    size = int(np.prod(space.shape)) - critic_only
+    if not critic_only:
+        return space
+    return spaces.Box(space.low.ravel()[:size], space.high.ravel()[:size], dtype=space.dtype.type)
+
+
+def ends_in(space: spaces.Space[Any], observation: Any) -> bool:
+    """Return True if the last dimensions of an observation, or those of all its parts, are those of a space."""
+    if isinstance(space, spaces.Dict):
+        return isinstance(observation, Mapping) and all(
+            name in observation and ends_in(part, observation[name]) for name, part in space.spaces.items()
+        )
+    dimensions = len(space.shape or ())
+    return dimensions == 0 or np.shape(observation)[-dimensions:] == space.shape
+
+
 def require_fits(config: NetworkConfig, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]) -> None:
     """Raise ValueError if networks do not take the observations or return the actions of spaces."""
     expected = (config.observation_size, (config.action_size, config.is_discrete))
@@ -128,8 +160,11 @@ def count_parameters(config: NetworkConfig) -> int:
     """Return the number of weights, biases and standard deviations."""
     more_inputs = {"flat": 0, "goal": 0, "blob": 1, "point": 3}[config.features]
     count = 0 if config.is_discrete else config.action_size
-    for hidden, outputs in ((config.actor_layers, config.action_size), (config.critic_layers, 1)):
-        inputs = config.observation_size + more_inputs
+    every_input = config.observation_size + more_inputs
+    for inputs, hidden, outputs in (
+        (every_input - config.critic_only, config.actor_layers, config.action_size),
+        (every_input, config.critic_layers, 1),
+    ):
         for size in [*hidden, outputs]:
             count += (inputs + 1) * size
             inputs = size

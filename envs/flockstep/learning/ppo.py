@@ -23,7 +23,7 @@ from flockstep.learning.arguments import Arguments
 from flockstep.learning.callbacks import Callbacks
 from flockstep.learning.logs import Log
 from flockstep.learning.networks import network_config
-from flockstep.learning.sources import SingleEnvSource, Source, flat_rows, source_of
+from flockstep.learning.sources import SingleEnvSource, Source, rows_to_act_on, source_of
 
 Array = npt.NDArray[Any]
 _Self = TypeVar("_Self", bound="PPO")
@@ -96,6 +96,7 @@ class PPO(Arguments):
         _init_setup_model: bool = True,
         *,
         num_threads: int = 0,
+        critic_only: int = 0,
         **hyperparameters: Any,
     ) -> None:
         for name, value in hyperparameters.items():
@@ -122,7 +123,7 @@ class PPO(Arguments):
         self.env = self.source.single if isinstance(self.source, SingleEnvSource) else env
         self.observation_space, self.action_space = self.source.observation_space, self.source.action_space
         self.stats_window_size, self.tensorboard_log, self.verbose = stats_window_size, tensorboard_log, verbose
-        self.seed = seed
+        self.seed, self.critic_only = seed, critic_only
         self._make_learner(policy, policy_kwargs, num_threads)
         self._warn_of_batch_size(stacklevel=4)
         self._seed_env()
@@ -131,7 +132,9 @@ class PPO(Arguments):
         """Make the networks; the environment or its spaces, and the hyperparameters, are set."""
         self._check()
         self.policy_kwargs = dict(policy_kwargs or {})
-        config, log_std = network_config(policy, self.observation_space, self.action_space, self.policy_kwargs)
+        config, log_std = network_config(
+            policy, self.observation_space, self.action_space, self.policy_kwargs, self.critic_only
+        )
         self.learner = Learner(config, num_threads or _threads_of(self.source), _drawn_seed(self.seed))
         if not config.is_discrete and log_std != 0.0:
             parameters = self.learner.parameters
@@ -350,7 +353,7 @@ class PPO(Arguments):
         Parameters
         ----------
         observation
-            As of the observation space, or rows of it.
+            As of the observation space, or rows of it. The numbers that only the critic gets may be missing.
         state, episode_start
             For compatibility; the policy has no memory.
         deterministic
@@ -369,15 +372,7 @@ class PPO(Arguments):
 
     def _rows(self, observation: Any) -> tuple[npt.NDArray[np.float32], bool]:
         """Return observations as rows of numbers, and True if there is a single one without a dimension of rows."""
-        space = self.observation_space
-        values, first = observation, space
-        if isinstance(space, spaces.Dict):
-            name, first = next(iter(space.spaces.items()))
-            values = observation.get(name) if isinstance(observation, Mapping) else None
-        assert first.shape is not None
-        is_single = np.ndim(values) == len(first.shape)
-        rows = None if is_single else len(values) if np.ndim(values) else 0
-        return flat_rows(space, observation, rows), is_single
+        return rows_to_act_on(self.observation_space, self.critic_only, observation)
 
     # --- files and conversions
 
@@ -454,7 +449,10 @@ class PPO(Arguments):
             raise ValueError(f"{self._missing[0]}: it was a function, which files do not hold: give it to load()")
 
     def to_sb3(self) -> Any:
-        """Return a ``PPO`` of Stable-Baselines3 with the same network and hyperparameters. It acts the same to 1e-6."""
+        """Return a ``PPO`` of Stable-Baselines3 with the same network and hyperparameters. It acts the same to 1e-6.
+
+        A model with ``critic_only`` raises ValueError.
+        """
         return sb3_models.to_sb3(self)
 
     @classmethod
@@ -494,7 +492,7 @@ def _threads_of(source: Source | None) -> int:
 _DEFAULTS = {
     name: parameter.default
     for name, parameter in inspect.signature(PPO.__init__).parameters.items()
-    if name in (*files.NUMBERS, *sb3_models.SCHEDULES, "tensorboard_log", "verbose")
+    if name in (*files.NUMBERS, *sb3_models.SCHEDULES, "critic_only", "tensorboard_log", "verbose")
 }
 
 add_parameters(PPO, Arguments, before="Raises")

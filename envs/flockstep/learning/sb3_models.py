@@ -33,6 +33,11 @@ def to_sb3(model: Any) -> Any:
     import flockstep.sb3
 
     config = model.learner.config
+    if config.critic_only:
+        raise ValueError(
+            f"to_sb3: expected critic_only=0, got {config.critic_only}: actor and critic of Stable-Baselines3 have the "
+            "same inputs"
+        )
     _require_start(model.action_space)
     arguments: dict[str, Any] = {
         "net_arch": {"pi": config.actor_layers, "vf": config.critic_layers},

@@ -16,6 +16,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from flockstep import stepping
 from flockstep._core import Learner
 from flockstep.errors import real_array
+from flockstep.learning.networks import actor_space, ends_in
 from flockstep.vector_env import DroneVectorEnv
 
 Array = npt.NDArray[Any]
@@ -368,6 +369,21 @@ def flat_rows(space: spaces.Space[Any], observation: Any, rows: int | None) -> A
             )
     parts = [_flat(f"observation[{name!r}]", part, observation[name], rows) for name, part in space.spaces.items()]
     return np.concatenate(parts, axis=1)
+
+
+def rows_to_act_on(space: spaces.Space[Any], critic_only: int, observation: Any) -> tuple[Array, bool]:
+    """Return observations (R, k), or (R, k - critic_only) if they end there, and True if there is a single one."""
+    if critic_only and not ends_in(space, observation):
+        part = actor_space(space, critic_only)
+        space = part if ends_in(part, observation) else space
+    values, first = observation, space
+    if isinstance(space, spaces.Dict):
+        name, first = next(iter(space.spaces.items()))
+        values = observation.get(name) if isinstance(observation, Mapping) else None
+    assert first.shape is not None
+    is_single = np.ndim(values) == len(first.shape)
+    rows = None if is_single else len(values) if np.ndim(values) else 0
+    return flat_rows(space, observation, rows), is_single
 
 
 def _flat(name: str, space: spaces.Space[Any], values: Any, rows: int | None) -> Array:

@@ -40,7 +40,7 @@ void list_arrays(const Batch& batch, std::string_view sensor, const std::functio
   list_all(batch.pose_readings(), {}, list);
   if (batch.task() == nullptr) return;
   list_all(batch.episodes(), {}, list);
-  list_all(batch.outputs(), {.sizes = {std::ssize(batch.task()->spec().reward_terms), 1}, .dimensions = 1}, list);
+  list_all(batch.outputs(), {.sizes = {std::ssize(batch.spec().reward_terms), 1}, .dimensions = 1}, list);
 }
 
 std::vector<std::string> sensor_names(const BatchConfig& config) {

@@ -47,7 +47,7 @@ bool ends_separately(const Batch& batch) { return !batch.state().own.finished.em
 
 // Adds the observations, and the rows that take no part in the next step.
 void add_observation(protocol::FrameWriter& writer, const Batch& batch) {
-  const TaskSpec& spec = batch.task()->spec();
+  const TaskSpec& spec = batch.spec();
   const std::vector<Buffer>& buffers = batch.outputs().observation;
   const std::size_t rows = batch.outputs().reward.size();
   for (std::size_t i = 0; i < buffers.size(); ++i) {
@@ -61,7 +61,7 @@ void add_observation(protocol::FrameWriter& writer, const Batch& batch) {
 
 // Adds the results of a step. Statistics of episodes, and final observations, only have the rows whose episode has ended.
 void add_step(protocol::FrameWriter& writer, const Batch& batch) {
-  const TaskSpec& spec = batch.task()->spec();
+  const TaskSpec& spec = batch.spec();
   const Outputs& outputs = batch.outputs();
   const bool has_final = batch.config().episode.autoreset_mode == AutoresetMode::same_step;
   const std::size_t rows = outputs.reward.size();
@@ -101,7 +101,7 @@ protocol::Field message_of(const Field& field) {
 }
 
 std::int64_t num_rows(const Batch& batch) {
-  return batch.task()->spec().row == Row::drone ? batch.config().num_drones() : batch.config().num_envs;
+  return batch.spec().row == Row::drone ? batch.config().num_drones() : batch.config().num_envs;
 }
 
 void require_task(const Task* task) {
@@ -236,7 +236,7 @@ void Service::locked(Call& call, const protocol::Restore&) {
 
 void Service::now(Call& call, const protocol::GetTask&) {
   require_task(task_);
-  const TaskSpec& spec = task_->spec();
+  const TaskSpec& spec = batch_.spec();
   auto& task = call.result<protocol::Task>();
   task.action = message_of(spec.action);
   for (const Field& field : spec.observation) task.observation.push_back(message_of(field));
@@ -271,7 +271,7 @@ void Service::locked(Call& call, const protocol::ResetEnvs&) {
 void Service::locked(Call& call, const protocol::StepEnvs&) {
   require_task(task_);
   require_may_change(call, std::span<const std::uint8_t>());
-  const TaskSpec& spec = task_->spec();
+  const TaskSpec& spec = batch_.spec();
   std::vector<std::int64_t> shape{num_rows(batch_)};
   const auto start = std::chrono::steady_clock::now();
   begin_change();

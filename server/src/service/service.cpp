@@ -255,7 +255,7 @@ std::size_t Service::max_array_bytes(const protocol::Request& request) {
       return std::max<std::size_t>(static_cast<std::size_t>(now->bodies_per_env), 1);  // a mask may be that of envs
     if (name == "N") return std::max<std::size_t>(drones, 1);
     if (name == "E or N") return std::max(envs, drones);
-    if (name == "action") return task_ == nullptr ? 0 : task_->spec().action.size();
+    if (name == "action") return task_ == nullptr ? 0 : batch_.spec().action.size();
     if (name == "size") return std::max(now->max_snapshot_bytes, 2 * largest_snapshot_);
     return static_cast<std::size_t>(std::stoul(std::string(name)));
   };

@@ -77,8 +77,8 @@ template <class... T>
 consteval bool all_list_every_field() {
   return (lists_every_field<T>() && ...);
 }
-static_assert(all_list_every_field<BatchConfig, EpisodeConfig, ClockConfig, LidarConfig, CameraConfig, CameraOutputs,
-                                   PoseSensorConfig, NavigationConfig, NavigationReward>());
+static_assert(all_list_every_field<BatchConfig, EpisodeConfig, ObservationConfig, ClockConfig, LidarConfig, CameraConfig,
+                                   CameraOutputs, PoseSensorConfig, NavigationConfig, NavigationReward>());
 static_assert(all_list_every_field<State, ContactState, EpisodeState, Outputs>());
 
 TEST(Fields, AreVisitedInTheirOrder) {

@@ -73,9 +73,11 @@ std::unique_ptr<Batch> make_batch(int threads, AutoresetMode mode, bool is_infin
 NetworkConfig network() { return {.observation_size = 4, .action_size = 2, .actor_layers = {9}, .critic_layers = {17, 5}}; }
 
 // Flies two rollouts and learns from them. Returns the parameters.
-std::vector<float> train(int threads, AutoresetMode mode) {
+std::vector<float> train(int threads, AutoresetMode mode, int critic_only = 0) {
   const auto batch = make_batch(threads, mode);
-  Learner learner(network(), 1, 3);  // the batch's threads may be more
+  NetworkConfig config_of_networks = network();
+  config_of_networks.critic_only = critic_only;
+  Learner learner(config_of_networks, 1, 3);  // the batch's threads may be more
   for (int rollout = 0; rollout < 2; ++rollout) {
     RolloutConfig config;
     config.n_steps = 20;
@@ -99,7 +101,35 @@ TEST(Learner, ThreadsDoNotChangeTheBits) {
     const std::vector<float> one = train(1, mode);
     EXPECT_NE(one, Learner(network(), 1, 3).parameters());
     for (const int threads : {2, 7}) EXPECT_EQ(train(threads, mode), one) << threads << " threads";
+    EXPECT_EQ(train(1, mode, 3), train(7, mode, 3));
+    EXPECT_EQ(train(1, mode, 3).size(), one.size() - 3 * 9);
   }
+}
+
+TEST(Learner, ActsWithoutTheNumbersOfTheCritic) {
+  NetworkConfig config = network();
+  config.critic_only = 3;
+  Learner learner(config, 2, 0);
+  std::vector<float> whole, part, values(70), others(70);
+  for (int row = 0; row < 70; ++row) {
+    part.push_back(0.1F * static_cast<float>(row));
+    whole.insert(whole.end(), {part.back(), 1.0F, -2.0F, 3.0F});
+  }
+  std::vector<float> actions(2 * 70), same(2 * 70);
+  learner.predict(whole, actions);
+  learner.predict(part, same);
+  EXPECT_EQ(actions, same);
+  EXPECT_NE(actions[0], actions[2]);
+  learner.values(whole, values);
+  for (std::size_t i = 1; i < whole.size(); i += 4) whole[i] = 0.0F;
+  learner.predict(whole, same);
+  learner.values(whole, others);
+  EXPECT_EQ(actions, same);
+  EXPECT_NE(values, others);
+  EXPECT_REFUSED(learner.values(part, values), "observation: ... 4 ... 70");
+  EXPECT_REFUSED(learner.predict(std::span(part).first(69), actions), "observation: ... 4 ... 69");
+  config.critic_only = 4;
+  EXPECT_REFUSED(config.validate(), "critic_only: ... 3 ... 4");
 }
 
 TEST(Learner, ReadsFieldsInTheOrderOfTheirNames) {

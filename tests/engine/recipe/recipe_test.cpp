@@ -324,6 +324,7 @@ TEST(ConfigJson, EachDefaultComesBack) {
   comes_back(EpisodeConfig());
   comes_back(LidarConfig());
   comes_back(NavigationReward());
+  comes_back(ObservationConfig());
   comes_back(PoseSensorConfig());
   comes_back(WindConfig());
   comes_back(PlaygroundConfig{.seed = ~std::uint64_t{0}});

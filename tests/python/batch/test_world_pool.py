@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from conftest import begun, world_of
 from messages import refused
+from philox import uniform
 from test_bitwise import actions_of, episodes, history
 
 import flockstep
@@ -39,21 +40,10 @@ def hall_at_leisure(number):
     return hall(number)
 
 
-def philox(counter, key):
-    """Philox 4x32-10 from the paper (Salmon et al., SC11)."""
-    c, k = list(counter), list(key)
-    for _ in range(10):
-        a, b = 0xD2511F53 * c[0], 0xCD9E8D57 * c[2]
-        c = [(b >> 32) ^ c[1] ^ k[0], b & 0xFFFFFFFF, (a >> 32) ^ c[3] ^ k[1], a & 0xFFFFFFFF]
-        k = [(k[0] + 0x9E3779B9) & 0xFFFFFFFF, (k[1] + 0xBB67AE85) & 0xFFFFFFFF]
-    return c
-
-
 def number_of(seed, episode, size, fresh):
     """The world number that an env with this seed draws in this episode."""
     world_stream = 0x80000003
-    word = philox([0, world_stream, episode & 0xFFFFFFFF, episode >> 32], [seed & 0xFFFFFFFF, seed >> 32])[0]
-    return int(np.floor(episode * fresh)) + int((word >> 8) / 2**24 * size)
+    return int(np.floor(episode * fresh)) + int(uniform(seed, episode, world_stream, 0) * size)
 
 
 def make(num_drones=8, pool=None, *, mode="same_step", steps=5, random_world=False, **arguments):

@@ -12,6 +12,8 @@ from ppo_models import ROWS, STEPS, box, learner_of, make_learner, random_rollou
 from scripted_episodes import ScriptedEpisodes
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import configure
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import MlpExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 import flockstep
@@ -31,8 +33,32 @@ class Still(gymnasium.Env):
         return self.observation_space.sample(), {}
 
 
+class Asymmetric(ActorCriticPolicy):
+    """A policy whose actor does not get the last ``critic_only`` numbers of the features."""
+
+    def __init__(self, *args, critic_only, **options):
+        self.critic_only = critic_only
+        super().__init__(*args, **options)
+
+    def _build_mlp_extractor(self):
+        options = {"net_arch": self.net_arch, "activation_fn": self.activation_fn, "device": "cpu"}
+        full = MlpExtractor(self.features_dim, **options)
+        first = self.features_dim - self.critic_only
+        cut = MlpExtractor(first, **options)
+        full.policy_net, full.latent_dim_pi = cut.policy_net, cut.latent_dim_pi
+        full.forward_actor = lambda features: full.policy_net(features[:, :first])
+        full.forward = lambda features: (full.forward_actor(features), full.forward_critic(features))
+        self.mlp_extractor = full
+
+
 def make_pair(
-    action_space=None, layers=((64, 64), (64, 64)), activation="tanh", observation_size=7, threads=1, **settings
+    action_space=None,
+    layers=((64, 64), (64, 64)),
+    activation="tanh",
+    observation_size=7,
+    threads=1,
+    critic_only=0,
+    **settings,
 ):
     """Return SB3's PPO and a learner with the same parameters."""
     action_space = action_space or box(3)
@@ -40,7 +66,7 @@ def make_pair(
     activations = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
     torch.manual_seed(5)
     theirs = PPO(
-        "MlpPolicy",
+        Asymmetric if critic_only else "MlpPolicy",
         envs,
         n_steps=STEPS,
         batch_size=STEPS,
@@ -48,6 +74,7 @@ def make_pair(
         policy_kwargs={
             "net_arch": {"pi": list(layers[0]), "vf": list(layers[1])},
             "activation_fn": activations[activation],
+            **({"critic_only": critic_only} if critic_only else {}),
         },
         **settings,
     )
@@ -60,6 +87,7 @@ def make_pair(
         actor_layers=list(layers[0]),
         critic_layers=list(layers[1]),
         activation=activation,
+        critic_only=critic_only,
     )
     ours = _core.Learner(config, threads, 0)
     with torch.no_grad():  # weights of a policy that has learned
@@ -192,6 +220,22 @@ def test_networks_of_any_shape(layers, activation):
     compare_updates(theirs, ours)
 
 
+# 17 - 1 numbers fill whole vectors, 18 - 3 do not, and 20 - 4 of 20 have another padding than all.
+@pytest.mark.parametrize(("size", "critic_only"), [(7, 3), (17, 1), (18, 3), (20, 4), (40, 39)])
+@pytest.mark.parametrize("action_space", [box(3), spaces.Discrete(5)], ids=["gaussian", "categorical"])
+def test_numbers_for_the_critic_only(action_space, size, critic_only):
+    theirs, ours = make_pair(action_space, observation_size=size, critic_only=critic_only)
+    assert [shape for name, shape, _ in ours.layout if name.endswith("net.0.weight")] == [
+        (64, size - critic_only),
+        (64, size),
+    ]
+    compare_updates(theirs, ours, updates=2)
+
+
+def test_an_actor_without_hidden_layers_and_numbers_for_the_critic_only():
+    compare_updates(*make_pair(layers=((), (8,)), critic_only=2, activation="relu"), clip_range_vf=0.1)
+
+
 def test_ten_updates_equal_those_of_sb3():
     theirs, ours = make_pair()
     compare_updates(theirs, ours, updates=10)
@@ -207,7 +251,7 @@ def numpy_loss(learner, parameters, inputs, minibatch, config):
     }
     activation = np.tanh if learner.config.activation == "tanh" else partial(np.maximum, 0)
 
-    def network(hidden, last):
+    def network(hidden, last, inputs=inputs):
         values = inputs[minibatch]
         for i in range(0, 2 * len(learner.config.actor_layers), 2):
             values = activation(values @ named[f"{hidden}.{i}.weight"].T + named[f"{hidden}.{i}.bias"])
@@ -216,7 +260,8 @@ def numpy_loss(learner, parameters, inputs, minibatch, config):
     def of(array):
         return array.astype(float).reshape(STEPS * ROWS, -1)[minibatch]
 
-    outputs, action = network("mlp_extractor.policy_net", "action_net"), of(learner.actions)
+    seen = inputs[:, : inputs.shape[1] - learner.config.critic_only]
+    outputs, action = network("mlp_extractor.policy_net", "action_net", seen), of(learner.actions)
     if learner.config.is_discrete:
         log_softmax = outputs - np.log(np.exp(outputs).sum(axis=1, keepdims=True))
         log_prob = np.take_along_axis(log_softmax, action.astype(int), axis=1)[:, 0]
@@ -248,11 +293,14 @@ def numpy_loss(learner, parameters, inputs, minibatch, config):
         {"clip_range_vf": 0.1, "vf_coef": 1.0},
         {"normalize_advantage": False, "clip_range": 0.05},
         {"vf_coef": 0.0, "ent_coef": 1.0},
+        {"critic_only": 3},
     ],
     ids=str,
 )
 def test_gradients_are_those_of_finite_differences(is_discrete, options):
-    learner = make_learner(is_discrete=is_discrete, actor_layers=[9, 6], critic_layers=[9, 6])
+    options = dict(options)
+    network = {"actor_layers": [9, 6], "critic_layers": [9, 6], "critic_only": options.pop("critic_only", 0)}
+    learner = make_learner(is_discrete=is_discrete, **network)
     observation = random_rollout(learner)[0]
     random = np.random.default_rng(1)
     moved = learner.parameters + 0.1 * random.normal(size=learner.parameters.size).astype(np.float32)

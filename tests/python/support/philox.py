@@ -1,0 +1,29 @@
+"""The engine's random numbers, written again from the paper."""
+
+from __future__ import annotations
+
+
+def philox(counter: list[int], key: list[int]) -> list[int]:
+    """Philox 4x32-10 from the paper (Salmon et al., SC11)."""
+    c, k = list(counter), list(key)
+    for _ in range(10):
+        a, b = 0xD2511F53 * c[0], 0xCD9E8D57 * c[2]
+        c = [(b >> 32) ^ c[1] ^ k[0], b & 0xFFFFFFFF, (a >> 32) ^ c[3] ^ k[1], a & 0xFFFFFFFF]
+        k = [(k[0] + 0x9E3779B9) & 0xFFFFFFFF, (k[1] + 0xBB67AE85) & 0xFFFFFFFF]
+    return c
+
+
+def named_stream(name: str) -> int:
+    """The stream of an instrument: a hash of its name, FNV-1a."""
+    value = 2166136261
+    for byte in name.encode():
+        value = (value ^ byte) * 16777619 & 0xFFFFFFFF
+    return value | 0x80000000
+
+
+def uniform(seed: int, episode: int, stream: int, index: int, member: int = 0) -> float:
+    """A number in [0, 1) of a drone: of its env's seed and episode, and of its place in the env."""
+    word = philox(
+        [index, stream, episode & 0xFFFFFFFF, (episode >> 32) ^ (member << 12)], [seed & 0xFFFFFFFF, seed >> 32]
+    )[0]
+    return (word >> 8) / 2**24
