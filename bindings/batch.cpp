@@ -235,7 +235,7 @@ void register_batch(py::module_& module) {
       .def_property_readonly("dynamics", [](const Batch& batch) { return batch.config().dynamics; })
       .def_property_readonly("clock", [](const Batch& batch) { return batch.config().clock; })
       .def_property_readonly("variations", [](const Batch& batch) { return batch.config().variations; })
-      .def_property_readonly("frames", [](const Batch& batch) { return batch.config().frames; })
+      .def_property_readonly("airframes", [](const Batch& batch) { return batch.config().airframes; })
       .def_property_readonly(
           "worlds",
           [](const Batch& batch) {

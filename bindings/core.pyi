@@ -42,7 +42,7 @@ scene_suffixes: tuple[str, ...]
 batch_keywords: dict[str, str]
 """Fields of a `Recipe` by the keywords that set them, such as ``"lidar"`` for ``"lidars"``."""
 parameter_names: tuple[str, ...]
-"""Columns of `Batch.params`: the numbers of `DroneParameters` in order, such as ``"mass_scale"`` or ``"stretch[2]"``."""
+"""Columns of `Batch.params`. {variation.hpp: Names of the floats}."""
 engine_tasks: dict[str, Any]
 """Configurations of the engine's tasks, by their names in recipes."""
 generated_scenes: tuple[str, ...]
@@ -1534,7 +1534,7 @@ class Batch:
         """What differs from drone to drone; a copy."""
 
     @property
-    def frames(self) -> list[str]:
+    def airframes(self) -> list[str]:
         """Drones whose airframes an episode draws from, empty for that of ``drone`` alone; a copy."""
 
     @property
@@ -1680,10 +1680,9 @@ class Batch:
         """
 
     def set_variations(self, variations: list[Variation]) -> None:
-        """Replace the laws of `variations` for the next draws, as a curriculum does.
+        """{batch.hpp: Replaces the laws}.
 
-        They have to be about the same parameters as before, without longer delays. Otherwise `ValueError` names the
-        parameter, and nothing changes.
+        {batch.hpp: The list has to be}. Otherwise `ValueError` names the parameter, and nothing changes.
         """
 
     def fly(

@@ -80,7 +80,7 @@ from flockstep.recording import record
 from flockstep.relight import relight
 from flockstep.serving import serve
 from flockstep.task import Task
-from flockstep.variations import controllers, describe, vary
+from flockstep.variations import describe, vary
 from flockstep.vector_env import DroneVectorEnv
 from flockstep.world_pool import WorldPool
 
@@ -139,7 +139,6 @@ __all__ = [
     "color_components",
     "connect",
     "connect_async",
-    "controllers",
     "describe",
     "estimate_airframe",
     "evaluate",

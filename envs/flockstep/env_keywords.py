@@ -74,9 +74,13 @@ class EnvKeywords(TypedDict, total=False):
     variations
         What differs from drone to drone, and how it is drawn; needs ``motion="rotors"``. `flockstep.vary` makes the
         list.
-    frames
+    airframes
         Drones whose airframes an episode draws from, instead of that of ``drone``: names, files, or
         ``"random/seed-7"``. Hull and sensors stay those of ``drone``.
+    privileged
+        Parameters of the drone at the end of a task's observation, current and minus their defaults: names of fields of
+        `DroneParameters`, or of elements. They need ``variations``. Keep them from the policy by ``critic_only`` of
+        `flockstep.PPO`.
 
         For every task, from `EpisodeConfig`, which documents them: ``episodes``, ``max_episode_steps``, ``frame_skip``,
         ``stagger_first_episode``, ``random_world``.
@@ -136,7 +140,8 @@ class EnvKeywords(TypedDict, total=False):
     clock: ClockConfig | None
     dynamics: DynamicsConfig | None
     variations: Variation | Sequence[Variation] | None
-    frames: str | Sequence[str] | None
+    airframes: str | Sequence[str] | None
+    privileged: str | Sequence[str] | None
     episodes: Literal["team", "each", "last"]
     max_episode_steps: int | None
     frame_skip: int

@@ -32,7 +32,7 @@ def normal(mean: float, std: float, low: float | None = None, high: float | None
 
 def choice(values: Iterable[float], **options: Any) -> Variation:
     """Return the law of a number that is one of some values, equally likely, for `vary`."""
-    return Variation(law="choice", values=list(values), **options)
+    return Variation(law="choice", choices=list(values), **options)
 
 
 def vary(*presets: Iterable[Variation], **laws: Law) -> list[Variation]:
@@ -191,10 +191,10 @@ class Curriculum:
 
     Examples
     --------
-    >>> import flockstep
+    >>> import flockstep, gymnasium
     >>> from flockstep.variations import Curriculum, ramp
     >>> easy, hard = flockstep.vary(mass_scale=(1.0, 1.0)), flockstep.vary(mass_scale=(0.7, 1.3))
-    >>> envs = flockstep.DroneVectorEnv(num_envs=64, task=flockstep.HoverConfig(), variations=easy)
+    >>> envs = gymnasium.make_vec("flockstep/Hover-v0", num_envs=64, variations=easy)
     >>> model = flockstep.PPO("MlpPolicy", envs, n_steps=16, batch_size=512)
     >>> model = model.learn(4096, Curriculum(envs, ramp(easy, hard)), log_interval=None)
     >>> envs.close()
@@ -266,7 +266,7 @@ def describe(env: Any) -> str:
         Each varied parameter with its law, and the least and greatest value that the drones have now.
     """
     batch = batch_of(env)
-    lines = [f"frames: {len(batch.frames)}, one for each episode"] if len(batch.frames) > 1 else []
+    lines = [f"airframes: {len(batch.airframes)}, one for each episode"] if len(batch.airframes) > 1 else []
     for law in batch.variations:
         columns = [i for i, name in enumerate(parameter_names) if law.parameter in (name, name.partition("[")[0])]
         now = batch.params[:, columns]
@@ -276,7 +276,7 @@ def describe(env: Any) -> str:
 
 def _law(law: Variation) -> str:
     if law.law == "choice":
-        drawn = "one of " + ", ".join(f"{value:.4g}" for value in law.values)
+        drawn = "one of " + ", ".join(f"{value:.4g}" for value in law.choices)
     elif law.low == law.high:
         return f"{law.low:.4g}, constant"
     elif law.law == "normal":

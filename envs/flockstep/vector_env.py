@@ -243,17 +243,14 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         self.num_envs = self.num_groups * self._rows_per_env
         episodes = recipe.episode.episodes if self.drones_per_env > 1 else "team"
         self._ends_rows, self._has_rests = episodes != "team", episodes == "last"
-        self._task_calls = routed.calls
-        self._reward_terms = self.batch.spec.reward_terms
+        self._task_calls, self._reward_terms = routed.calls, self.batch.spec.reward_terms
         if routed.calls is None:
             self.single_observation_space = observation_space(self.batch.spec)
             self.single_action_space = action_space(self.batch.spec)
         else:
             routed.calls.attach(self.batch)
-            is_own = recipe.observed == ObservationConfig() and not recipe.privileged  # the task's own object
-            self.single_observation_space = (
-                self.task.observation_space if is_own else observation_space(self.batch.spec)
-            )
+            spec, adds = self.batch.spec, recipe.observed != ObservationConfig() or recipe.privileged
+            self.single_observation_space = observation_space(spec) if adds else self.task.observation_space
             self.single_action_space = self.task.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)

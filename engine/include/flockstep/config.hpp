@@ -8,18 +8,18 @@
 #include <vector>
 
 #include "flockstep/body.hpp"
+#include "flockstep/drones/variation.hpp"
 #include "flockstep/dynamics.hpp"
 #include "flockstep/episode.hpp"
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/interaction.hpp"
 #include "flockstep/light.hpp"
-#include "flockstep/observation.hpp"
 #include "flockstep/sensors/camera.hpp"
 #include "flockstep/sensors/imu.hpp"
 #include "flockstep/sensors/lidar.hpp"
+#include "flockstep/sensors/observation.hpp"
 #include "flockstep/sensors/pose_sensor.hpp"
-#include "flockstep/variation.hpp"
 
 namespace flockstep {
 
@@ -51,12 +51,12 @@ struct BatchConfig {
   ClockConfig clock;
   DynamicsConfig dynamics;
   std::vector<Variation> variations;
-  std::vector<std::string> frames;
+  std::vector<std::string> airframes;
   std::vector<std::string> privileged;
 
-  static constexpr int kMaxDrones = 1 << 20;        // total over all envs
-  static constexpr std::size_t kMaxLights = 4096;   // length of `lights`
-  static constexpr std::size_t kMaxFrames = 65536;  // length of `frames`
+  static constexpr int kMaxDrones = 1 << 20;           // total over all envs
+  static constexpr std::size_t kMaxLights = 4096;      // length of `lights`
+  static constexpr std::size_t kMaxAirframes = 65536;  // length of `airframes`
 
   static constexpr auto fields() {
     using C = BatchConfig;
@@ -113,7 +113,7 @@ struct BatchConfig {
         field("variations", &C::variations,
               {.about = "What differs from drone to drone, and how it is drawn; needs ``motion=\"rotors\"``. `flockstep.vary` "
                         "makes the list."}),
-        field("frames", &C::frames,
+        field("airframes", &C::airframes,
               {.about = "Drones whose airframes an episode draws from, instead of that of ``drone``: names, files, or "
                         "``\"random/seed-7\"``. Hull and sensors stay those of ``drone``."}),
         field("privileged", &C::privileged,

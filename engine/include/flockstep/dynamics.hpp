@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "flockstep/airframe.hpp"
-#include "flockstep/controller.hpp"
+#include "flockstep/drones/controller.hpp"
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/wind.hpp"

@@ -8,10 +8,10 @@
 
 #include "flockstep/aligned.hpp"
 #include "flockstep/arrays.hpp"
+#include "flockstep/drones/variation.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/pose.hpp"
-#include "flockstep/variation.hpp"
 
 namespace flockstep {
 

@@ -117,12 +117,12 @@ void BatchConfig::validate() const {
   require(drone_mesh == nullptr || senses(interaction), "drone_mesh", "None unless interaction is \"sense\" or \"both\"",
           "a world");
   if (drone_mesh != nullptr) require_mesh(*drone_mesh, "drone_mesh");
-  require(!dynamics.is_kinematic() || (variations.empty() && frames.empty()), variations.empty() ? "frames" : "variations",
+  require(!dynamics.is_kinematic() || (variations.empty() && airframes.empty()), variations.empty() ? "airframes" : "variations",
           "none for kinematic motion (it has no flight model: give motion=\"rotors\")", "some");
-  require(frames.size() <= kMaxFrames, "frames", "at most 65536", frames.size());
+  require(airframes.size() <= kMaxAirframes, "airframes", "at most 65536", airframes.size());
   const std::string shown = privileged.empty() ? "" : '"' + privileged[0] + '"';
-  require(privileged.empty() || !variations.empty() || frames.size() > 1, "privileged", "none without variations, which it shows",
-          shown);
+  require(privileged.empty() || !variations.empty() || airframes.size() > 1, "privileged",
+          "none without variations, which it shows", shown);
   static_cast<void>(dynamics::ShownParameters(privileged));  // refuses unknown names
   require(lights.size() <= kMaxLights, "lights", "at most 4096", lights.size());
   for_each_field(*this, [&](const auto& entry, const auto& value) { check_sensors(entry.name, value, *this); });

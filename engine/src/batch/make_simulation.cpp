@@ -113,9 +113,9 @@ std::optional<dynamics::Fleet> fleet_of(const BatchConfig& config, const DroneMo
   require(drone.airframe().has_value(), "drone",
           "one with an airframe, to fly by its rotors (such as a bundled one: DroneModel.names())", "only a hull");
   std::vector<Airframe> airframes;
-  for (const std::string& frame : config.frames) {
+  for (const std::string& frame : config.airframes) {
     const DroneModel model = DroneModel::load(frame);
-    require(model.airframe().has_value(), "frames", "drones with an airframe", '"' + frame + "\", which has only a hull");
+    require(model.airframe().has_value(), "airframes", "drones with an airframe", '"' + frame + "\", which has only a hull");
     airframes.push_back(*model.airframe());
   }
   if (airframes.empty()) airframes.push_back(*drone.airframe());

@@ -240,9 +240,9 @@ void Fleet::check_parameters(std::span<const float> numbers_given) const {
   require(p.action_delay_s + p.action_jitter_s <= slowest, "params: action_delay_s",
           "at most the greatest delay and jitter of the variations (" + std::to_string(slowest) + " s)",
           p.action_delay_s + p.action_jitter_s);
-  require(p.frame < static_cast<float>(airframes.size()), "params: frame",
-          "below the number of frames (" + std::to_string(airframes.size()) + ")", p.frame);
-  const Airframe made = varied(airframes[static_cast<std::size_t>(p.frame)], p);
+  require(p.airframe < static_cast<float>(airframes.size()), "params: airframe",
+          "below the number of airframes (" + std::to_string(airframes.size()) + ")", p.airframe);
+  const Airframe made = varied(airframes[static_cast<std::size_t>(p.airframe)], p);
   require_integrable(made, "params", config, clock);
   require(!physics.is_rk4 || can_rk4(made, config, clock.dt_s()), "params: lag_up_scale, lag_down_scale",
           "a lag of at least half a tick", std::min(p.lag_up_scale, p.lag_down_scale));
@@ -259,7 +259,7 @@ void Fleet::part() {
 void Fleet::apply_parameters(State& state, DroneIndex drone) {
   const DroneParameters parameters = parameters_of(state, drone);
   turn_on(parameters, parameters);
-  if (!airframe_index.empty()) airframe_index[drone] = static_cast<std::int32_t>(parameters.frame);
+  if (!airframe_index.empty()) airframe_index[drone] = static_cast<std::int32_t>(parameters.airframe);
   renew(drone, parameters);
   GustState gust;
   std::copy_n(state.flight.gust.data() + kGustStates * drone, kGustStates, gust.data());

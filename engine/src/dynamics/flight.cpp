@@ -406,15 +406,6 @@ HWY_NOINLINE void drive(const Physics& p, const Numbers& n, At at, const OdeStat
   }
 }
 
-// Replaces the setpoint by those that have arrived.
-HWY_NOINLINE void take_arrivals(std::span<const Arrival> arrivals, int tick, std::size_t lane, F* set) {
-  const F now(static_cast<float>(tick));
-  for (const Arrival& arrival : arrivals) {
-    const F::Mask has_arrived = load(arrival.tick, lane) <= now;
-    for (std::size_t i = 0; i < 7; ++i) set[i] = select(has_arrived, load(arrival.setpoint[i], lane), set[i]);
-  }
-}
-
 template <bool kRk4, bool kHasRotorTerms>
 void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks, Lanes<3>* path) {
   for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) {

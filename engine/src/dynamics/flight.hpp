@@ -7,8 +7,8 @@
 #include <span>
 
 #include "flockstep/airframe.hpp"
+#include "flockstep/drones/variation.hpp"
 #include "flockstep/dynamics.hpp"
-#include "flockstep/variation.hpp"
 
 namespace flockstep::dynamics {
 

@@ -13,6 +13,20 @@
 
 namespace flockstep::dynamics {
 
+inline Vec3 vec3(const std::vector<float>& values, DroneIndex drone) { return Vec3::Map(values.data() + 3 * drone); }
+inline Vec3 vec3(const Lanes<3>& lanes, std::size_t lane) { return {lanes[0][lane], lanes[1][lane], lanes[2][lane]}; }
+
+inline void set(const Vec3& v, std::size_t lane, Lanes<3>& lanes) {
+  for (int axis = 0; axis < 3; ++axis) lanes[static_cast<std::size_t>(axis)][lane] = v[axis];
+}
+
+inline void set(const Quat& q, std::size_t lane, Lanes<4>& lanes) {
+  lanes[0][lane] = q.w();
+  lanes[1][lane] = q.x();
+  lanes[2][lane] = q.y();
+  lanes[3][lane] = q.z();
+}
+
 // Copy the numbers of kLanes consecutive drones between arrays and lanes. rows: (kLanes, 3) or (kLanes, 4).
 void load_rows(const float* rows, Lanes<3>& lanes);
 void load_rows(const float* rows, Lanes<4>& lanes);

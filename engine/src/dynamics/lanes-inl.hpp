@@ -31,6 +31,15 @@ HWY_INLINE void store3(const V3& v, Lanes<3>& lanes, std::size_t at) {
   store(v.z, lanes[2], at);
 }
 
+// Replaces the setpoint by those that have arrived.
+HWY_NOINLINE void take_arrivals(std::span<const Arrival> arrivals, int tick, std::size_t lane, F* set) {
+  const F now(static_cast<float>(tick));
+  for (const Arrival& arrival : arrivals) {
+    const F::Mask has_arrived = load(arrival.tick, lane) <= now;
+    for (std::size_t i = 0; i < 7; ++i) set[i] = select(has_arrived, load(arrival.setpoint[i], lane), set[i]);
+  }
+}
+
 // A quaternion.
 struct Q {
   F w, x, y, z;

@@ -55,8 +55,8 @@ void Variation::validate() const {
   check_fields(*this, "variations.");
   require(low <= high, "variations.low", "at most high (" + std::to_string(high) + ")", low);
   require(law != Law::log_uniform || low > 0.0F, "variations.low", "a number > 0 for law=\"log_uniform\"", low);
-  require(law == Law::choice || values.empty(), "variations.values", "none unless law is \"choice\"", values.size());
-  require(law != Law::choice || !values.empty(), "variations.values", "at least one for law=\"choice\"", "none");
+  require(law == Law::choice || choices.empty(), "variations.choices", "none unless law is \"choice\"", choices.size());
+  require(law != Law::choice || !choices.empty(), "variations.choices", "at least one for law=\"choice\"", "none");
 }
 
 namespace dynamics {
@@ -144,14 +144,14 @@ Variations::Variations(std::span<const Variation> variations, std::size_t num_fr
   for (const Variation& variation : variations) {
     for (const std::size_t number : parameters_named(variation.parameter, "variations.parameter")) add(variation, number);
   }
-  const auto draws_frame = [&](const Entry& entry) { return infos[entry.number].name == "frame"; };
+  const auto draws_frame = [&](const Entry& entry) { return infos[entry.number].name == "airframe"; };
   if (num_frames > 1 && std::ranges::none_of(entries_, draws_frame)) {
-    // The greatest float below the number of frames, of which the integer part counts.
+    // The greatest float below the number of airframes, of which the integer part counts.
     const auto last = std::nextafter(static_cast<float>(num_frames), 0.0F);
-    add({.parameter = "frame", .low = 0.0F, .high = last}, infos.size() - 1);
+    add({.parameter = "airframe", .low = 0.0F, .high = last}, infos.size() - 1);
   }
-  require(greatest_.frame < static_cast<float>(std::max<std::size_t>(num_frames, 1)), "variations: frame",
-          "below the number of frames (" + std::to_string(num_frames) + ")", greatest_.frame);
+  require(greatest_.airframe < static_cast<float>(std::max<std::size_t>(num_frames, 1)), "variations: airframe",
+          "below the number of airframes (" + std::to_string(num_frames) + ")", greatest_.airframe);
   for (Entry& entry : entries_) {
     if (entry.variation.when != DrawnAt::interval) continue;
     const double steps = std::round(static_cast<double>(entry.variation.interval_s) / clock.step_s());
@@ -171,8 +171,8 @@ void Variations::add(const Variation& variation, std::size_t number) {
   }
   float low = variation.low, high = variation.high;
   if (variation.law == Law::choice) {
-    low = std::ranges::min(variation.values);
-    high = std::ranges::max(variation.values);
+    low = std::ranges::min(variation.choices);
+    high = std::ranges::max(variation.choices);
   }
   for (const float value : {low, high}) {
     if (!info.limits.contain(value)) refuse("variations: " + info.name, range_of(info.limits), value);
@@ -207,7 +207,7 @@ void Variations::draw_entry(const State& state, RandomKey key, const Entry& entr
       value = static_cast<double>(v.mean) + static_cast<double>(v.std) * normal_quantile(u);
       break;
     case Law::choice:
-      floats_of(parameters)[entry.number] = v.values[static_cast<std::size_t>(u * static_cast<double>(v.values.size()))];
+      floats_of(parameters)[entry.number] = v.choices[static_cast<std::size_t>(u * static_cast<double>(v.choices.size()))];
       return;
   }
   floats_of(parameters)[entry.number] = std::clamp(static_cast<float>(value), v.low, v.high);

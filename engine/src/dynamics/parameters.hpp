@@ -9,9 +9,9 @@
 
 #include "base/random.hpp"
 #include "flockstep/airframe.hpp"
+#include "flockstep/drones/variation.hpp"
 #include "flockstep/episode.hpp"
 #include "flockstep/state.hpp"
-#include "flockstep/variation.hpp"
 
 namespace flockstep::dynamics {
 

@@ -17,20 +17,6 @@ namespace {
 constexpr float kSearchBeyond = 0.5F;  // m, added to the required free radius so that the ball lasts for some steps
 constexpr float kGroundRadii = 16.0F;  // in rotor radii; beyond this height the ground effect is below 0.03 %
 
-Vec3 vec3(const std::vector<float>& values, DroneIndex drone) { return Vec3::Map(values.data() + 3 * drone); }
-Vec3 vec3(const Lanes<3>& lanes, std::size_t lane) { return {lanes[0][lane], lanes[1][lane], lanes[2][lane]}; }
-
-void set(const Vec3& v, std::size_t lane, Lanes<3>& lanes) {
-  for (int axis = 0; axis < 3; ++axis) lanes[static_cast<std::size_t>(axis)][lane] = v[axis];
-}
-
-void set(const Quat& q, std::size_t lane, Lanes<4>& lanes) {
-  lanes[0][lane] = q.w();
-  lanes[1][lane] = q.x();
-  lanes[2][lane] = q.y();
-  lanes[3][lane] = q.z();
-}
-
 float* path_of(const FlightContext& context, std::size_t drone, int tick) {
   const std::size_t row = context.path.size() / context.fleet.open.world.size();
   return context.path.data() + row * drone + 3 * static_cast<std::size_t>(tick);
@@ -135,19 +121,15 @@ class GroupFlight {
     flock_.arrivals = {};
     if (physics_.pushed) {
       for (std::size_t lane = 0; lane < kLanes; ++lane) {
-        set(parameter(lane, &DroneParameters::push_mps2), lane, flock_.push);
-        set(parameter(lane, &DroneParameters::twist_radps2), lane, flock_.twist);
+        const DroneParameters parameters = Fleet::parameters_of(state_, group_[lane]);
+        set(Vec3::Map(parameters.push_mps2.data()), lane, flock_.push);
+        set(Vec3::Map(parameters.twist_radps2.data()), lane, flock_.twist);
       }
     }
     for (std::size_t lane = 0; physics_.drains && lane < kLanes; ++lane) {
       const auto shares = fleet_.speed_share(state_, group_[lane], step_start(lane));
       for (std::size_t i = 0; i < kRotors; ++i) flock_.speed_share[i][lane] = shares[i];
     }
-  }
-
-  Vec3 parameter(std::size_t lane, std::array<float, 3> DroneParameters::* member) const {
-    const DroneParameters parameters = Fleet::parameters_of(state_, group_[lane]);
-    return Vec3::Map((parameters.*member).data());
   }
 
   // Tick of the lane's episode at which the current step began.
@@ -175,30 +157,19 @@ class GroupFlight {
 
   void load_arrivals(const Commands& commands, int first_tick, int ticks) {
     if (!has_integral(physics_.stage)) flock_.error_integral = {};
-    std::vector<Arrival>& arrivals = context_.scratch.arrivals;
-    std::size_t used = 0;
+    Arrivals& arrivals = context_.scratch.arrivals;
+    arrivals.clear();
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      std::size_t count = 0;
+      SetpointInput input = input_of(commands, group_[lane]);
       const std::int64_t start = step_start(lane);
-      fleet_.commands.for_each(group_[lane], start + first_tick, start + first_tick + ticks,
-                               [&](const float* command, std::int64_t at) {
-                                 SetpointInput input{.step_s = static_cast<float>(fleet_.clock.step_s())};
-                                 if (control_of(commands) == Control::position) input.now = pose_of(state_, group_[lane]);
-                                 std::copy_n(command, 4, input.command.data());
-                                 const auto setpoint = setpoint_of(control_of(commands), fleet_.airframe_of(group_[lane]), input);
-                                 if (count == 0) {
-                                   for (std::size_t k = 0; k < setpoint.size(); ++k) flock_.setpoint[k][lane] = setpoint[k];
-                                 } else {
-                                   if (count > arrivals.size()) arrivals.emplace_back();
-                                   if (count > used) arrivals[used++].tick.fill(std::numeric_limits<float>::infinity());
-                                   Arrival& arrival = arrivals[count - 1];
-                                   arrival.tick[lane] = static_cast<float>(at - start);
-                                   for (std::size_t k = 0; k < setpoint.size(); ++k) arrival.setpoint[k][lane] = setpoint[k];
-                                 }
-                                 ++count;
-                               });
+      std::size_t count = 0;
+      fleet_.commands.for_each(group_[lane], start + first_tick, start + first_tick + ticks, [&](const float* command, auto at) {
+        std::copy_n(command, 4, input.command.data());
+        const auto setpoint = setpoint_of(control_of(commands), fleet_.airframe_of(group_[lane]), input);
+        arrivals.add(setpoint, static_cast<float>(at - start), lane, count++, flock_);
+      });
     }
-    flock_.arrivals = std::span(arrivals).first(used);
+    flock_.arrivals = arrivals.rows();
   }
 
   Control control_of(const Commands& commands) const { return commands.control.value_or(fleet_.config.control); }

@@ -11,6 +11,7 @@
 #include "collision/hull.hpp"
 #include "collision/moving_bodies.hpp"
 #include "collision/obstacles.hpp"
+#include "dynamics/arrivals.hpp"
 #include "dynamics/contact.hpp"
 #include "dynamics/downwash.hpp"
 #include "dynamics/fleet.hpp"
@@ -30,10 +31,10 @@ struct FlightScratch {
   FlightScratch(const collision::Hull& hull, const collision::Corners& corners) : contacts(hull, corners) {}
 
   Flock flock;
-  LaneNumbers numbers;            // the coefficients of a group whose lanes are not consecutive drones
-  std::vector<Arrival> arrivals;  // of a group's commands
-  int ticks_ahead = 0;            // ticks that a call has flown and State::tick does not count yet
-  AlignedVector<Lanes<3>> path;   // the current leg, one entry per tick; empty if neither paths nor deviations are recorded
+  LaneNumbers numbers;  // the coefficients of a group whose lanes are not consecutive drones
+  Arrivals arrivals;
+  int ticks_ahead = 0;           // ticks that a call has flown and State::tick does not count yet
+  AlignedVector<Lanes<3>> path;  // the current leg, one entry per tick; empty if neither paths nor deviations are recorded
   collision::NearSolids near;
   ContactResolver contacts;
   GroupMember member;  // a drone that can touch no other one

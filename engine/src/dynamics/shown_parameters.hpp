@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "flockstep/buffer.hpp"
+#include "flockstep/drones/variation.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/state.hpp"
-#include "flockstep/variation.hpp"
 
 namespace flockstep::dynamics {
 

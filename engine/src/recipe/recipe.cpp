@@ -173,7 +173,7 @@ void check_access(const Recipe& recipe, const RecipeAccess& access) {
     if (drone.ends_with(".json") || is_path(drone)) check_path(field, drone, access);
   };
   if (const auto* const drone = std::get_if<std::string>(&recipe.drone)) check_drone("drone", *drone);
-  for (const std::string& frame : recipe.batch.frames) check_drone("frames", frame);
+  for (const std::string& frame : recipe.batch.airframes) check_drone("airframes", frame);
 }
 
 std::unique_ptr<Batch> make_batch(const Recipe& recipe, const RecipeAccess& access) {

@@ -2,40 +2,13 @@
 
 import numpy as np
 import pytest
-from messages import refused
 from rigid_body import GRAVITY, Body, batch_of, fly_for, frame, plain
 from scipy import stats
+from variation_rows import FIELDS, columns, constants, row
 
 import flockstep
-from flockstep import DroneParameters, Variation, parameter_names, vary
-from flockstep.variations import Curriculum, choice, controllers, log_uniform, normal, presets, ramp, uniform
-
-FIELDS = tuple(DroneParameters.__match_args__)
-
-
-def columns(field):
-    return [i for i, name in enumerate(parameter_names) if name.partition("[")[0] == field]
-
-
-def defaults():
-    return np.concatenate([np.atleast_1d(np.float32(getattr(DroneParameters(), name))) for name in FIELDS])
-
-
-def row(**values):
-    """The parameters (P,) of a drone."""
-    params = defaults()
-    for field, value in values.items():
-        params[columns(field)] = value
-    return params
-
-
-def constants(**values):
-    """Variations that give each drone these values."""
-    return [
-        Variation(parameter=parameter_names[i], low=v, high=v)
-        for field, value in values.items()
-        for i, v in zip(columns(field), np.broadcast_to(value, len(columns(field))).tolist(), strict=True)
-    ]
+from flockstep import DroneParameters, vary
+from flockstep.variations import choice, controllers, log_uniform, normal, presets, uniform
 
 
 def as_made(data, **p):
@@ -406,7 +379,7 @@ def test_gains_are_scaled_as_those_of_a_controller():
 
 def test_frames_are_drawn_and_actions_mean_their_own_thrust():
     names = ["crazyflie", "racer5", "x500", "random/seed-5"]
-    envs = flockstep.DroneVectorEnv(num_envs=64, task=flockstep.HoverConfig(), frames=names, autoreset_mode="disabled")
+    envs = flockstep.DroneVectorEnv(num_envs=64, task=flockstep.HoverConfig(), airframes=names, autoreset_mode="disabled")
     envs.reset(seed=0)
     rows = envs.batch.params[:, -1].astype(int)
     assert set(rows) == set(range(4))
@@ -475,74 +448,3 @@ def test_describe():
     plain_envs = flockstep.DroneVectorEnv(num_envs=1, task=flockstep.HoverConfig())
     assert flockstep.describe(plain_envs) == "nothing differs"
     plain_envs.close()
-
-
-@pytest.mark.parametrize(
-    ("laws", "field", "values"),
-    [
-        ({"mass_scale": (1.2, 0.8)}, "variations.low", [1.2]),
-        ({"mass_scale": (0.0, 1.0)}, "variations", ["mass_scale", 0]),
-        ({"mass_scale": (0.8, float("nan"))}, "variations.high", ["nan"]),
-        ({"mas_scale": (0.8, 1.2)}, "variations.parameter", ["mass_scale", "mas_scale"]),
-        ({"action_delay_s": (0.0, 1.5)}, "variations", ["action_delay_s", 1.5]),
-        ({"mass_scale": (0.8, 10.0)}, "variations", ["weight"]),
-        ({"frame": 3.0}, "variations", ["frame", 3]),
-        ({"thrust_scale": {"law": "log_uniform", "low": -1.0}}, "variations.low", ["log_uniform", -1]),
-    ],
-)
-def test_bad_laws_are_refused(laws, field, values):
-    with refused(ValueError, field, *values):
-        made = {name: flockstep.Variation(**law) if isinstance(law, dict) else law for name, law in laws.items()}
-        flockstep.DroneVectorEnv(num_envs=1, task=flockstep.HoverConfig(), variations=vary(**made))
-
-
-def test_bad_params_are_refused_before_anything_changes():
-    batch = batch_of(plain(), 2, variations=vary(mass_scale=(0.9, 1.1), action_delay_s=(0.0, 0.01)))
-    before = batch.params.copy()
-    for wrong, values in (
-        ({"mass_scale": np.nan}, ["mass_scale", "nan"]),
-        ({"thrust_scale": 1.1}, ["thrust_scale", 1.1]),
-        ({"action_delay_s": 0.02}, ["action_delay_s", 0.02]),
-    ):
-        with refused(ValueError, "params", *values):
-            batch.set_params(np.stack([row(), row(**wrong)]))
-        np.testing.assert_array_equal(batch.params, before)
-    with refused(ValueError, "variations", "rotors"):
-        flockstep.Batch([flockstep.World.load("playground/train-1")], 1, variations=vary(mass_scale=1.1))
-
-
-def test_a_curriculum_changes_the_laws():
-    easy, hard = vary(mass_scale=(1.0, 1.0), thrust_scale=1.0), vary(mass_scale=(0.5, 1.5), thrust_scale=1.5)
-    envs = flockstep.DroneVectorEnv(
-        num_envs=32, task=flockstep.HoverConfig(), variations=easy, max_episode_steps=4, autoreset_mode="same_step"
-    )
-    model = flockstep.PPO("MlpPolicy", envs, n_steps=8, batch_size=256, n_epochs=1)
-    seen = []
-
-    def schedule(done):
-        seen.append((done, envs.batch.params[:, :1].copy()))
-        return ramp(easy, hard, until=0.5)(done)
-
-    model.learn(8 * 32 * 5, Curriculum(envs, schedule), log_interval=None)
-    assert [done for done, _ in seen] == [0, 0.2, 0.4, 0.6, 0.8]
-    for i, width in ((1, 0.0), (2, 0.2), (3, 0.4), (4, 0.5)):
-        off = np.abs(seen[i][1] - 1.0).max()
-        assert 0.7 * width <= off <= width + 1e-6
-    assert [law.high for law in envs.batch.variations] == [1.5, 1.5]
-    before = envs.batch.variations
-    for laws, words in (
-        (vary(mass_scale=1.0), ["thrust_scale"]),
-        (vary(mass_scale=1.0, thrust_scale=1.0, lag_up_scale=1.0), ["lag_up_scale"]),
-        (vary(mass_scale=1.0, thrust_scale=0.1), ["weight"]),
-    ):
-        with refused(ValueError, "variations", *words):
-            envs.batch.set_variations(laws)
-        assert envs.batch.variations == before
-    with refused(TypeError, "schedule", None):
-        model.learn(256, Curriculum(envs, lambda done: None), log_interval=None)
-    with refused(ValueError, "first, last", "mass_scale"):
-        ramp(easy, vary(mass_scale=1.0))
-    envs.close()
-    late = batch_of(plain(), 2, variations=vary(action_delay_s=(0.0, 0.01)))
-    with refused(ValueError, "variations", "action_delay_s", 0.01):
-        late.set_variations(vary(action_delay_s=(0.0, 0.02)))

@@ -91,9 +91,9 @@ WHERE = {
     "operation": ("server/", "envs/flockstep/client/"),
     "field": ("bindings/", "envs/"),
 }
-#: Files that use a name as programs of users do: rows of trainings give values to fields, presets to all.
+#: Files that use a name as programs of users do: rows of trainings and presets give values to fields, presets to all.
 USERS = {
-    "field": r"/trainings/|flockstep/thesis\.py",
+    "field": r"/trainings/|flockstep/(thesis|variations)\.py",
     "sensor": r"flockstep/thesis\.py",
     "task": r"flockstep/thesis\.py",
 }

@@ -45,7 +45,7 @@ struct DroneParameters {
   float action_delay_s = 0.0F;
   float action_jitter_s = 0.0F;
   float action_loss = 0.0F;
-  float frame = 0.0F;
+  float airframe = 0.0F;
 
   static constexpr auto fields() {
     using C = DroneParameters;
@@ -114,7 +114,7 @@ struct DroneParameters {
                .limits = between(0, kMaxDelay)}),
         field("action_loss", &C::action_loss,
               {.about = "Probability that a command is lost; the one before it holds.", .limits = between(0, 1)}),
-        field("frame", &C::frame, {.about = "Number of the airframe in ``frames``.", .limits = between(0, 1 << 20)}));
+        field("airframe", &C::airframe, {.about = "Number of the airframe in ``airframes``.", .limits = between(0, 1 << 20)}));
   }
 
   static constexpr double kMaxDelay = 1.0;  // s
@@ -145,7 +145,7 @@ struct Variation {
   Law law = Law::uniform;
   float mean = 1.0F;
   float std = 0.1F;
-  std::vector<float> values;
+  std::vector<float> choices;
   DrawnAt when = DrawnAt::reset;
   float interval_s = 1.0F;
   std::string group;
@@ -161,10 +161,10 @@ struct Variation {
         field("high", &C::high, {.about = "Greatest value; equal to ``low`` for a constant.", .limits = within(1e6)}),
         field("law", &C::law,
               {.about = "``\"uniform\"``, ``\"log_uniform\"`` (uniform in the logarithm), ``\"normal\"`` (clipped to [low, "
-                        "high]), ``\"choice\"`` (one of ``values``)."}),
+                        "high]), ``\"choice\"`` (one of ``choices``)."}),
         field("mean", &C::mean, {.about = "For ``\"normal\"``: mean before clipping.", .limits = within(1e6)}),
         field("std", &C::std, {.about = "For ``\"normal\"``: standard deviation before clipping.", .limits = between(0, 1e6)}),
-        field("values", &C::values, {.about = "For ``\"choice\"``: the values, equally likely.", .limits = within(1e6)}),
+        field("choices", &C::choices, {.about = "For ``\"choice\"``: the values, equally likely.", .limits = within(1e6)}),
         field("when", &C::when,
               {.about = "``\"start\"``: once, by the seed. ``\"reset\"``: for each episode. ``\"interval\"``: every "
                         "``interval_s`` of an episode, too."}),
