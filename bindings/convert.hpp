@@ -120,6 +120,7 @@ std::string python_name() {
   if constexpr (std::is_same_v<T, std::shared_ptr<const World>>) return "a flockstep.DroneMesh, a flockstep.World or None";
   if constexpr (SequenceOfValues<T>) {
     if constexpr (requires { std::tuple_size<T>::value; }) return std::to_string(std::tuple_size_v<T>) + " numbers";
+    if constexpr (std::is_same_v<typename T::value_type, std::string>) return "a sequence of strings";
     return "a sequence of numbers";
   }
   if constexpr (std::is_same_v<T, bool>) return "a bool";
@@ -224,6 +225,9 @@ T from_python(const py::handle& given, const std::string& field) {
     return enum_of<T>(from_python<std::string>(value, field), field);
   } else {
     if constexpr (SequenceOfValues<T>) refuse_masked(value, field);
+    if constexpr (std::is_same_v<T, std::vector<std::string>>) {
+      if (py::isinstance<py::str>(value)) return {value.cast<std::string>()};
+    }
     try {
       if constexpr (std::is_same_v<T, bool>) {  // cast() would accept any object's truth value
         py::detail::make_caster<bool> flag;

@@ -21,6 +21,15 @@ NAMES = ["push_mps2", "mass_scale", "stretch[1]", "thrust_scale"]
 SHOWN = ["push_mps2[0]", "push_mps2[1]", "push_mps2[2]", "mass_scale", "stretch[1]", "thrust_scale"]
 
 
+class Rise(Climb):
+    dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity")
+    action_space = spaces.Box(-1, 1, (4,), np.float32)
+    worlds = "train"
+
+    def act(self, batch, actions):
+        return actions
+
+
 def privileged(params, shown=SHOWN):
     """The numbers (..., k) of parameters (..., P)."""
     defaults = np.concatenate(
@@ -38,7 +47,12 @@ def hover(num_envs=6, **keywords):
 @pytest.mark.parametrize("mode", ["same_step", "next_step"])
 @pytest.mark.parametrize(
     "keywords",
-    [{}, {"frame_skip": 3}, {"drones_per_env": 2, "episodes": "each"}, {"task": Climb(), "motion": "rotors"}],
+    [
+        {},
+        {"frame_skip": 3},
+        {"drones_per_env": 2, "episodes": "each"},
+        {"task": Rise},
+    ],
     ids=["hover", "skip", "drones", "python"],
 )
 def test_they_are_the_parameters_of_the_drone(mode, keywords):
@@ -99,10 +113,11 @@ class Still(flockstep.Task):
 
 
 class StillByName(Still):
-    observation_space = spaces.Dict({"heights": Still.observation_space})
+    observation_space = spaces.Dict({"heights": Still.observation_space, "zeros": Still.observation_space})
 
     def observe(self, batch):
-        return {"heights": super().observe(batch)}
+        heights = super().observe(batch)
+        return {"heights": heights, "zeros": 0 * heights}
 
 
 def test_a_row_for_an_env_has_those_of_all_its_drones():
@@ -140,20 +155,21 @@ def test_the_learner_keeps_them_from_the_policy():
     actions = model.predict(observation, deterministic=True)[0]
     plain = hover(70, autoreset_mode="same_step").reset(seed=1)[0]
     np.testing.assert_array_equal(model.predict(plain, deterministic=True)[0], actions)
-    assert (model.learner.values(observation) != model.learner.values(observation * [1] * 16 + [0] * 6)).any()
+    assert (model.learner.values(observation) != model.learner.values(observation * ([1] * 16 + [0] * 6))).any()
 
 
 @pytest.mark.parametrize(
     ("keywords", "said"),
     [
+        ({"privileged": [3]}, (3,)),
         ({"privileged": ["mas_scale"]}, ("mas_scale", "mass_scale")),
         ({"privileged": ["stretch", "stretch[2]"]}, ("stretch[2]",)),
         ({"privileged": ["mass_scale"], "variations": []}, ("mass_scale",)),
     ],
-    ids=["unknown", "twice", "nothing differs"],
+    ids=["no text", "unknown", "twice", "nothing differs"],
 )
 def test_bad_names_are_refused(keywords, said):
-    with refused(ValueError, "privileged", *said):
+    with refused((TypeError, ValueError), "privileged", *said):
         hover(**keywords)
 
 
@@ -161,4 +177,4 @@ def test_they_need_a_vector_of_floats():
     with refused(ValueError, "privileged", 1):
         hover(task=StillByName, drones_per_env=2, privileged=["mass_scale"])
     with refused(ValueError, "privileged", 1):
-        flockstep.Batch(num_envs=2, motion="rotors", variations=LAWS, privileged=["mass_scale"])
+        flockstep.Batch("playground/train-1", 2, dynamics=Still.dynamics, variations=LAWS, privileged=["mass_scale"])
