@@ -99,6 +99,11 @@ def _presets() -> dict[str, list[Variation]]:
             position_gain_scale=around(0.2),
             push_mps2=uniform(-0.75, 0.75, when="interval", interval_s=1.0),
         ),
+        # A Crazyflie's lag, of which drones/crazyflie.json has the longest: 69 ms (rl-tools) to 145 ms (Crazyflow).
+        "crazyflie": vary(
+            lag_up_scale=uniform(0.069 / 0.145, 1.0, group="lag"),
+            lag_down_scale=uniform(0.069 / 0.145, 1.0, group="lag"),
+        ),
         # Ours: what a drone of which one has the data sheet may be off by.
         "sim2real": vary(
             mass_scale=around(0.1),
@@ -121,7 +126,8 @@ def _presets() -> dict[str, list[Variation]]:
     }
 
 
-#: Lists of variations by name: "l2f", "omnidrones", "diffaero", "aerial_gym" and "sim2real". The code names the sources.
+#: Lists of variations by name: "l2f", "omnidrones", "diffaero", "aerial_gym", "crazyflie" and "sim2real". The code names
+#: their sources.
 presets: Mapping[str, Sequence[Variation]] = MappingProxyType(_presets())
 
 #: Controllers by name. "gentle": gains by the rotors' lag. "px4": the defaults of PX4 1.15 (MC_ROLL_P 6.5, MC_YAW_P
