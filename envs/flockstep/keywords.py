@@ -139,7 +139,8 @@ def by_config(keywords: Mapping[str, Any], task: Any, own: Iterable[str]) -> dic
             tasks = f"{', '.join(first)} and {last} tasks" if first else f"{last} task"
             raise TypeError(f"{name}: a keyword of the {tasks}, but another task is given")
         fields = (field for config in configs.values() for field in config.__match_args__ if field in FLAT)
-        text = _unexpected_keyword("DroneVectorEnv.__init__", name, [*own, *batch_keywords, *fields])
+        known = [] if name == "seed" else [*own, *batch_keywords, *fields]
+        text = _unexpected_keyword("DroneVectorEnv.__init__", name, known)
         raise TypeError(f"{text}: pass it to reset(seed=...)" if name == "seed" else text)
     return chosen
 

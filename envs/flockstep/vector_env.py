@@ -245,16 +245,12 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         self._ends_rows, self._has_rests = episodes != "team", episodes == "last"
         self._task_calls = routed.calls
         self._reward_terms = self.batch.spec.reward_terms
-        if routed.calls is None:
-            self.single_observation_space = observation_space(self.batch.spec)
-            self.single_action_space = action_space(self.batch.spec)
-        else:
+        spec, is_own = self.batch.spec, routed.calls is not None
+        if routed.calls is not None:
             routed.calls.attach(self.batch)
-            is_own = recipe.observed == ObservationConfig()  # unchanged: the task's own object
-            self.single_observation_space = (
-                self.task.observation_space if is_own else observation_space(self.batch.spec)
-            )
-            self.single_action_space = self.task.action_space
+        observes_own = is_own and recipe.observed == ObservationConfig()
+        self.single_observation_space = self.task.observation_space if observes_own else observation_space(spec)
+        self.single_action_space = self.task.action_space if is_own else action_space(spec)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 

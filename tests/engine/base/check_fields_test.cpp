@@ -137,7 +137,7 @@ TEST(CheckFields, IsCalledByEachConfiguration) {
   EXPECT_EQ(count_refused<ImuConfig>("imu."), 9);
   EXPECT_EQ(count_refused<EpisodeConfig>(""), 3);
   EXPECT_EQ(count_refused<ClockConfig>(""), 4);
-  EXPECT_EQ(count_refused<ObservationConfig>("observed."), 4);
+  EXPECT_EQ(count_refused<ObservationConfig>("observed."), 8);
   EXPECT_EQ(count_refused<WindConfig>("wind."), 9);
   EXPECT_EQ(count_refused<DynamicsConfig>(""), 10);
   EXPECT_EQ(count_refused<NavigationReward>("reward."), 4);
