@@ -104,10 +104,10 @@ struct AirframeNumbers {
   std::array<T, 3> linear_drag{}, quadratic_drag{};
   // the rotors
   std::array<std::array<T, 3>, kRotors> position{};
-  std::array<T, kRotors> yaw_sign{};    // sign of the torque about z: -1 for a rotor that turns counter-clockwise
-  std::array<T, kRotors> yaw_torque{};  // m, signed torque about z over thrust
+  std::array<T, kRotors> yaw_sign{};               // sign of the torque about z: -1 for a rotor that turns counter-clockwise
+  std::array<T, kRotors> yaw_torque{};             // m, signed torque about z over thrust
   std::array<std::array<T, 3>, kRotors> thrust{};  // c0, c1, c2 of each rotor
-  T keep_half_up{}, keep_up{};  // share of a speed difference left after half a tick and after a tick
+  T keep_half_up{}, keep_up{};                     // share of a speed difference left after half a tick and after a tick
   T keep_half_down{}, keep_down{};
   T inverse_lag_up{}, inverse_lag_down{};  // 1/s; 0 without a lag
   T rotor_inertia{};
@@ -120,7 +120,7 @@ struct AirframeNumbers {
   std::array<T, 3> known_inertia{};
   T min_speed{}, max_speed{};
   T min_thrust{}, max_thrust{};
-  T thrust_tiny{};                 // N, a millionth of the largest thrust
+  T thrust_tiny{};                  // N, a millionth of the largest thrust
   std::array<T, 3> known_thrust{};  // c0, c1, c2
   // speed = (sqrt(discriminant + 4 c2 thrust) - c1) / (2 c2), or (thrust - c0) / c1 if c2 is 0
   T discriminant{}, four_c2{}, half_over_c2{}, one_over_c1{};
