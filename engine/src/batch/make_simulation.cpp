@@ -23,7 +23,12 @@ namespace {
 // Bytes of all arrays that the sensors write.
 double sensor_bytes(const BatchConfig& config) {
   double bytes = 0.0;  // for one drone
-  for (const LidarConfig& lidar : config.lidars) bytes += 4.0 * lidar.rows() * lidar.columns();
+  for (const LidarConfig& lidar : config.lidars) {
+    const std::int64_t latency = sensors::latency_in_ticks(lidar.latency_s, config.clock);
+    const std::int64_t period = sensors::period_in_ticks(lidar.rate_hz, config.clock, "lidar.rate_hz");
+    const auto scans = 1.0 + static_cast<double>(sensors::readings_under_way(latency, period, config.clock));
+    bytes += 4.0 * scans * lidar.rows() * lidar.columns();
+  }
   for (const CameraConfig& camera : config.cameras) {
     const CameraOutputs& o = camera.outputs;
     const int of_pixel = 3 * o.rgb + 4 * o.depth + 2 * o.semantic + 2 * o.instance + 12 * o.normal + 1 * o.grey + 3 * o.hsv;

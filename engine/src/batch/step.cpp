@@ -54,6 +54,7 @@ void read_due(Simulation& sim, std::span<const EnvIndex> envs, std::span<const D
       if (sensors::is_due(period, sim.state.tick[env], step_is_over)) scratch.envs.push_back(env);
     }
     sensor->read(sim.drones_of(scratch.envs, Part::flying, scratch.drones), surroundings);
+    if (step_is_over) sensor->publish(drones, sim.state);
   }
 }
 

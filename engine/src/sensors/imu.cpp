@@ -58,7 +58,10 @@ class Imu final : public SensorOf<ImuReadings> {
   // A drone's noise is a function of its env's seed and episode, its number in the env, and the number of the reading. The
   // biases walk with the time since the last reading, so a second reading in the same tick has the same biases.
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
-  bool has_errors() const { return !accelerometer_.is_none() || !gyroscope_.is_none(); }
+  static bool has_errors(const ImuConfig& config) {
+    return config.accelerometer_noise_density > 0.0F || config.accelerometer_random_walk > 0.0F ||
+           config.gyroscope_noise_density > 0.0F || config.gyroscope_random_walk > 0.0F;
+  }
 
   struct Bias {
     std::vector<float> accelerometer;
@@ -84,7 +87,6 @@ class Imu final : public SensorOf<ImuReadings> {
   struct Noise {
     Noise(float density, float random_walk, float bias_time_s, double interval_s);
     Walk walk_over(double seconds) const;
-    bool is_none() const { return white == 0.0F && random_walk == 0.0; }
 
     double random_walk;
     double bias_time_s;
@@ -92,10 +94,10 @@ class Imu final : public SensorOf<ImuReadings> {
     Walk per_interval;  // walk between two regular readings
   };
 
+  bool has_errors_;
   std::uint32_t number_;   // number among the drone's IMUs; each has its own noise
   std::int64_t interval_;  // ticks between regular readings
   double dt_s_;            // s, length of a tick
-  std::size_t drones_per_env_;
   Vec3 offset_;
   Mat3 to_sensor_;  // rotation, body to sensor
   Noise accelerometer_, gyroscope_;
@@ -118,11 +120,11 @@ Imu::Walk Imu::Noise::walk_over(double d) const {
 }
 
 Imu::Imu(const ImuConfig& config, const SensorSetup& setup)
-    : SensorOf("imu", config.name, config.rate_hz, setup.clock),
+    : SensorOf("imu", config.name, config, setup, {.num_drones = setup.num_drones}, has_errors(config)),
+      has_errors_(has_errors(config)),
       number_(setup.number),
       interval_(period() == 0 ? setup.clock.substeps() : period()),
       dt_s_(setup.clock.dt_s()),
-      drones_per_env_(setup.drones_per_env),
       offset_(config.offset_m[0], config.offset_m[1], config.offset_m[2]),
       to_sensor_(Quat(config.quat_wxyz[0], config.quat_wxyz[1], config.quat_wxyz[2], config.quat_wxyz[3])
                      .normalized()
@@ -132,18 +134,18 @@ Imu::Imu(const ImuConfig& config, const SensorSetup& setup)
                      seconds_between(period(), setup.clock)),
       gyroscope_(config.gyroscope_noise_density, config.gyroscope_random_walk, config.gyroscope_bias_time_s,
                  seconds_between(period(), setup.clock)) {
-  readings_.allocate({.num_drones = setup.num_drones}, has_errors());
   allocate(bias_, {.num_drones = setup.num_drones});
 }
 
 void Imu::begin(DroneIndex drone, const State& state) {
+  SensorOf::begin(drone, state);
   put(Vec3::Zero(), bias_.accelerometer, drone);
   put(Vec3::Zero(), bias_.gyroscope, drone);
   bias_.tick[drone] = state.tick[RandomKey::of(drone, drones_per_env_).env];
 }
 
 void Imu::visit(ArrayVisitor& visitor) {
-  readings_.visit(visitor);
+  SensorOf::visit(visitor);
   visitor.fields(bias_);
 }
 
@@ -163,9 +165,9 @@ void Imu::measure(std::span<const DroneIndex> drones, const Surroundings& surrou
 }
 
 void Imu::add_errors(std::span<const DroneIndex> drones, const State& state) {
-  if (!has_errors()) return;
+  if (!has_errors_) return;
   const ImuReadings& truth = readings_.truth();
-  ImuReadings& published = readings_.published();
+  ImuReadings& noisy = readings_.noisy();
   for (const DroneIndex drone : drones) {
     const RandomKey key = RandomKey::of(drone, drones_per_env_);
     const EnvIndex env = key.env;
@@ -189,9 +191,8 @@ void Imu::add_errors(std::span<const DroneIndex> drones, const State& state) {
       const Vec3 error = bias + noise.white * Vec3(numbers[0], numbers[1], numbers[2]);
       return value + error;
     };
-    put(disturbed(accelerometer_, n.data(), bias_.accelerometer, of_row(truth.accelerometer, drone)), published.accelerometer,
-        drone);
-    put(disturbed(gyroscope_, n.data() + 6, bias_.gyroscope, of_row(truth.gyroscope, drone)), published.gyroscope, drone);
+    put(disturbed(accelerometer_, n.data(), bias_.accelerometer, of_row(truth.accelerometer, drone)), noisy.accelerometer, drone);
+    put(disturbed(gyroscope_, n.data() + 6, bias_.gyroscope, of_row(truth.gyroscope, drone)), noisy.gyroscope, drone);
     bias_.tick[drone] = state.tick[env];
   }
 }

@@ -44,10 +44,13 @@ std::size_t count_of_env(std::span<const DroneIndex> drones, const Surroundings&
       std::ranges::find_if(drones, [&](DroneIndex drone) { return surroundings.env_of(drone) != env; }) - drones.begin());
 }
 
+std::size_t rays_of(const LidarConfig& config) {
+  return static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns());
+}
+
 // Without fans, no change of the beams makes any: worlds may lack the tree that slices need.
 trace::TracePolicy policy_of(const LidarConfig& config, TracerKind tracer) {
-  trace::TracePolicy policy =
-      trace::trace_policy_of(tracer, static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns()));
+  trace::TracePolicy policy = trace::trace_policy_of(tracer, rays_of(config));
   if (!has_fans(config, tracer)) policy.min_rays_in_slice = trace::TracePolicy::kNever;
   return policy;
 }
@@ -55,13 +58,12 @@ trace::TracePolicy policy_of(const LidarConfig& config, TracerKind tracer) {
 }  // namespace
 
 Lidar::Lidar(const LidarConfig& config, const SensorSetup& setup)
-    : SensorOf("lidar", config.name, config.rate_hz, setup.clock),
+    : SensorOf("lidar", config.name, config, setup, {.num_drones = setup.num_drones, .num_rays = rays_of(config)}, false),
       config_(config),
       policy_(policy_of(config, setup.tracer)),
-      rays_(static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns())),
+      rays_(rays_of(config)),
       settings_(config, setup.num_drones, true, [policy = policy_](const LidarConfig& of) { return make_pattern(of, policy); }) {
-  readings_.allocate({.num_drones = setup.num_drones, .num_rays = rays_}, false);
-  std::ranges::fill(readings_.truth().max_range_m, config.max_range_m);
+  std::ranges::fill(readings_.published().max_range_m, config.max_range_m);
 }
 
 std::unique_ptr<BlockSensor> make_sensor(const LidarConfig& config, const SensorSetup& setup) {
@@ -86,10 +88,13 @@ void Lidar::change(const LidarChange& change, std::span<const DroneIndex> drones
 
 void Lidar::set_config(DroneIndex drone, const LidarConfig& config) {
   settings_.set(drone, config);
-  readings_.truth().max_range_m[drone] = settings_[drone].max_range_m;
+  readings_.published().max_range_m[drone] = settings_[drone].max_range_m;
 }
 
-void Lidar::clear(DroneIndex drone) { std::fill_n(readings_.published().ranges.data() + drone * rays_, rays_, kInfinity); }
+void Lidar::clear(DroneIndex drone) {
+  SensorOf::clear(drone);
+  std::fill_n(readings_.published().ranges.data() + drone * rays_, rays_, kInfinity);
+}
 
 void Lidar::write_directions(DroneIndex drone, std::span<float> out) const {
   sensors::write_directions(settings_.optics(drone), out.data());
@@ -117,12 +122,14 @@ void Lidar::write_points(const State& state, std::span<float> out) const {
 
 void Lidar::visit(ArrayVisitor& visitor) {
   visitor.array("ranges", readings_.published().ranges);
+  if (has_age()) visitor.array("ranges_age_s", readings_.published().age_s);
+  delay_.visit(visitor);
   settings_.visit(label(), visitor);
 }
 
 void Lidar::restored() {
   settings_.restored();
-  for (std::size_t i = 0; i < settings_.size(); ++i) readings_.truth().max_range_m[i] = settings_[DroneIndex(i)].max_range_m;
+  for (std::size_t i = 0; i < settings_.size(); ++i) readings_.published().max_range_m[i] = settings_[DroneIndex(i)].max_range_m;
   has_scanned_ = true;
 }
 

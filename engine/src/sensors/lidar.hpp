@@ -28,7 +28,10 @@ class Lidar final : public SensorOf<LidarReadings> {
   bool has_scanned() const { return has_scanned_.load(std::memory_order_relaxed); }
 
   // Overrides has_scanned(), for a LiDAR that takes the place of another one.
-  void set_has_scanned(bool has_scanned) { has_scanned_.store(has_scanned, std::memory_order_relaxed); }
+  void set_has_scanned(bool has_scanned) {
+    has_scanned_.store(has_scanned, std::memory_order_relaxed);
+    if (!has_scanned) delay_.forget_all();
+  }
 
   // The drone's own setting, including changes at run time.
   LidarConfig config_of(DroneIndex drone) const { return settings_.config_of(drone); }

@@ -15,9 +15,7 @@ void PoseSensorConfig::validate() const { check_fields(*this, "pose_sensor."); }
 namespace sensors {
 
 PoseSensor::PoseSensor(const PoseSensorConfig& config, const SensorSetup& setup)
-    : SensorOf("pose_sensor", "pose", config.rate_hz, setup.clock), config_(config), drones_per_env_(setup.drones_per_env) {
-  readings_.allocate({.num_drones = setup.num_drones}, !config.is_exact());
-}
+    : SensorOf("pose_sensor", "pose", config, setup, {.num_drones = setup.num_drones}, !config.is_exact()), config_(config) {}
 
 std::unique_ptr<BlockSensor> make_sensor(const PoseSensorConfig& config, const SensorSetup& setup) {
   return std::make_unique<PoseSensor>(config, setup);
@@ -43,7 +41,7 @@ void PoseSensor::add_errors(std::span<const DroneIndex> drones, const State& sta
   if (config_.is_exact()) return;
   const float orientation_std_rad = config_.orientation_noise_std_deg * std::numbers::pi_v<float> / 180.0F;
   const PoseReadings& truth = readings_.truth();
-  PoseReadings& published = readings_.published();
+  PoseReadings& noisy = readings_.noisy();
   for (const DroneIndex drone : drones) {
     Pose pose = load_pose(truth.position.data() + 3 * drone, truth.quat_wxyz.data() + 4 * drone);
     const RandomKey key = RandomKey::of(drone, drones_per_env_);
@@ -58,7 +56,7 @@ void PoseSensor::add_errors(std::span<const DroneIndex> drones, const State& sta
     const Vec3 rotation_vector = orientation_std_rad * Vec3(rx, ry, rz);
     const float angle = rotation_vector.norm();
     if (angle > 0.0F) pose.rotation = pose.rotation * Quat(Eigen::AngleAxisf(angle, rotation_vector / angle));
-    store_pose(published.position.data() + 3 * drone, published.quat_wxyz.data() + 4 * drone, pose);
+    store_pose(noisy.position.data() + 3 * drone, noisy.quat_wxyz.data() + 4 * drone, pose);
   }
 }
 

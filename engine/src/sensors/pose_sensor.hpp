@@ -25,7 +25,6 @@ class PoseSensor final : public SensorOf<PoseReadings> {
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
 
   PoseSensorConfig config_;
-  std::size_t drones_per_env_;
 };
 
 std::unique_ptr<BlockSensor> make_sensor(const PoseSensorConfig& config, const SensorSetup& setup);

@@ -12,6 +12,7 @@
 #include <typeinfo>
 #include <utility>
 
+#include "base/random.hpp"
 #include "base/require.hpp"
 #include "flockstep/array_visitor.hpp"
 #include "flockstep/arrays.hpp"
@@ -19,6 +20,7 @@
 #include "flockstep/episode.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/state.hpp"
+#include "sensors/delay.hpp"
 #include "trace/scene.hpp"
 #include "trace/tracer.hpp"
 
@@ -121,63 +123,107 @@ class BlockSensor : public Sensor {
   void read(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
     measure(drones, surroundings);
     add_errors(drones, surroundings.state);
-    // No sensor has a delay, so readings are published immediately.
+    if (!has_age()) return;
+    keep(drones, surroundings.state);
+    publish(drones, surroundings.state);
   }
+  // True if published readings may be older than the end of the last step. publish() brings them and their age up to date.
+  virtual bool has_age() const = 0;
+  virtual void publish(std::span<const DroneIndex> drones, const State& state) = 0;
   // Returns the published arrays if they are of this type, otherwise null.
   virtual const void* readings_of(const std::type_info& type) const = 0;
 
  private:
   // Writes the true values.
   virtual void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) = 0;
-  // Writes the published readings, computed from the true values. A sensor without errors publishes the true values directly.
+  // Keeps the new readings until they arrive. Without latency they are published already.
+  virtual void keep(std::span<const DroneIndex> drones, const State& state) = 0;
+  // Writes the readings, computed from the true values. The readings of a sensor without errors are the true values.
   virtual void add_errors(std::span<const DroneIndex> drones, const State& state) {
     static_cast<void>(drones);
     static_cast<void>(state);
   }
 };
 
-// Readings of a sensor: the true values and the published arrays. Without errors both share the same memory.
+// Readings of a sensor: the true values, these with errors, and the published arrays. Without errors or latency they share the
+// same memory.
 template <HasFields Arrays>
 class Readings {
  public:
-  void allocate(const ArraySizes& sizes, bool has_errors) {
+  void allocate(const ArraySizes& sizes, bool has_errors, bool is_late) {
     flockstep::allocate(truth_, sizes);
-    if (has_errors) flockstep::allocate(published_.emplace(), sizes);
+    if (has_errors) flockstep::allocate(noisy_.emplace(), sizes);
+    if (is_late) flockstep::allocate(published_.emplace(), sizes);
   }
 
   Arrays& truth() { return truth_; }
   const Arrays& truth() const { return truth_; }
-  Arrays& published() { return published_ ? *published_ : truth_; }
-  const Arrays& published() const { return published_ ? *published_ : truth_; }
+  Arrays& noisy() { return noisy_ ? *noisy_ : truth_; }
+  const Arrays& noisy() const { return noisy_ ? *noisy_ : truth_; }
+  Arrays& published() { return published_ ? *published_ : noisy(); }
+  const Arrays& published() const { return published_ ? *published_ : noisy(); }
 
   void visit(ArrayVisitor& visitor) {
     visitor.fields(published());
-    if (published_) visitor.fields(truth_);
+    if (noisy_ || published_) visitor.fields(truth_);
+    if (noisy_ && published_) visitor.fields(*noisy_);
   }
   void check() const {
     check_arrays(published());
+    check_arrays(noisy());
     check_arrays(truth());
   }
 
  private:
   Arrays truth_;
-  std::optional<Arrays> published_;
+  std::optional<Arrays> noisy_, published_;
 };
 
 // A sensor with the published arrays of one struct. Snapshots have them; a sensor with more to save overrides visit().
 template <HasFields Arrays>
 class SensorOf : public BlockSensor {
  public:
-  using BlockSensor::BlockSensor;
+  // sizes: of its arrays
+  template <class Config>
+  SensorOf(std::string kind, std::string name, const Config& config, const SensorSetup& setup, const ArraySizes& sizes,
+           bool has_errors)
+      : BlockSensor(std::move(kind), std::move(name), config.rate_hz, setup.clock),
+        drones_per_env_(setup.drones_per_env),
+        delay_(latency_in_ticks(config.latency_s, setup.clock), period(), setup.clock, sizes) {
+    readings_.allocate(sizes, has_errors, delay_.is_late());
+  }
 
   const Arrays& readings() const { return readings_.published(); }
   const void* readings_of(const std::type_info& type) const final { return type == typeid(Arrays) ? &readings() : nullptr; }
   void list_arrays(const std::function<void(const ArrayView&)>& list) const override { for_each_view(readings(), {}, list); }
-  void visit(ArrayVisitor& visitor) override { readings_.visit(visitor); }
-  void check() const override { readings_.check(); }
+  void begin(DroneIndex drone, const State&) override { delay_.forget(drone); }
+  void clear(DroneIndex drone) override { delay_.forget(drone); }
+  bool has_age() const final { return !delay_.is_none(); }
+  void publish(std::span<const DroneIndex> drones, const State& state) final {
+    for (const DroneIndex drone : drones) delay_.publish(drone, tick_of(state, drone), readings_.published());
+  }
+  void visit(ArrayVisitor& visitor) override {
+    readings_.visit(visitor);
+    delay_.visit(visitor);
+  }
+  void check() const override {
+    readings_.check();
+    require(delay_.is_valid(), "snapshot: reading_count", "numbers >= 0", "another");
+  }
 
  protected:
+  std::int64_t tick_of(const State& state, DroneIndex drone) const {
+    return state.tick[RandomKey::of(drone, drones_per_env_).env];
+  }
+
+  std::size_t drones_per_env_;
+  Delay<Arrays> delay_;
   Readings<Arrays> readings_;
+
+ private:
+  void keep(std::span<const DroneIndex> drones, const State& state) final {
+    for (const DroneIndex drone : drones) delay_.add(drone, tick_of(state, drone), readings_.noisy());
+  }
 };
 
 }  // namespace flockstep::sensors

@@ -19,6 +19,7 @@ namespace flockstep {
 struct ImuReadings {
   std::vector<float> accelerometer;
   std::vector<float> gyroscope;
+  std::vector<float> age_s;
 
   static constexpr auto fields() {
     using C = ImuReadings;
@@ -33,7 +34,11 @@ struct ImuReadings {
                              .unit = "rad/s",
                              .frame = Frame::sensor,
                              .writer = "IMU",
-                             .about = "latest reading of the angular velocity"}));
+                             .about = "latest reading of the angular velocity"}),
+                      array("imu_age_s", &C::age_s,
+                            {.unit = "s",
+                             .writer = "IMU",
+                             .about = "age of the latest reading that has arrived; see `rate_hz` and `latency_s`"}));
   }
 };
 
@@ -51,6 +56,7 @@ struct ImuConfig {
   std::array<float, 3> offset_m{0.0F, 0.0F, 0.0F};
   std::array<float, 4> quat_wxyz{1.0F, 0.0F, 0.0F, 0.0F};
   std::optional<float> rate_hz;
+  float latency_s = 0.0F;
 
   static constexpr auto fields() {
     using C = ImuConfig;
@@ -71,7 +77,8 @@ struct ImuConfig {
                .unit = "rad/s^2/sqrt(Hz)",
                .limits = at_least(0)}),
         field("gyroscope_bias_time_s", &C::gyroscope_bias_time_s, kBiasTime), field("offset_m", &C::offset_m, kMountOffset),
-        field("quat_wxyz", &C::quat_wxyz, kMountRotation), field("rate_hz", &C::rate_hz, kSensorRate));
+        field("quat_wxyz", &C::quat_wxyz, kMountRotation), field("rate_hz", &C::rate_hz, kSensorRate),
+        field("latency_s", &C::latency_s, kSensorLatency));
   }
 
   FLOCKSTEP_API void validate() const;

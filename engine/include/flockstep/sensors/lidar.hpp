@@ -25,6 +25,7 @@ struct LidarConfig {
   std::vector<float> azimuth_deg;
   std::vector<float> elevation_deg;
   std::optional<float> rate_hz;
+  float latency_s = 0.0F;
 
   static constexpr int kMaxRays = 1 << 18;  // per drone, in all channels
 
@@ -53,7 +54,7 @@ struct LidarConfig {
                .limits = within(360)}),
         field("elevation_deg", &C::elevation_deg,
               {.about = "Elevations of the pattern, one for each azimuth.", .unit = "deg", .limits = within(90)}),
-        field("rate_hz", &C::rate_hz, kSensorRate));
+        field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -14,6 +14,7 @@ struct PoseSensorConfig {
   float position_noise_std_m = 0.0F;
   float orientation_noise_std_deg = 0.0F;
   std::optional<float> rate_hz;
+  float latency_s = 0.0F;
 
   static constexpr auto fields() {
     using C = PoseSensorConfig;
@@ -22,7 +23,7 @@ struct PoseSensorConfig {
               {.about = "Standard deviation of the position along each axis.", .unit = "m", .limits = at_least(0)}),
         field("orientation_noise_std_deg", &C::orientation_noise_std_deg,
               {.about = "Standard deviation of each component of the rotation vector.", .unit = "deg", .limits = at_least(0)}),
-        field("rate_hz", &C::rate_hz, kSensorRate));
+        field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency));
   }
 
   FLOCKSTEP_API void validate() const;

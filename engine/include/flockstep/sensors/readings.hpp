@@ -16,6 +16,7 @@ namespace flockstep {
 struct PoseReadings {
   std::vector<float> position;
   std::vector<float> quat_wxyz;
+  std::vector<float> age_s;
 
   static constexpr auto fields() {
     using C = PoseReadings;
@@ -30,7 +31,11 @@ struct PoseReadings {
                              .unit = "1",
                              .frame = Frame::world,
                              .writer = "pose sensor",
-                             .about = "latest reading of the orientation, body to world"}));
+                             .about = "latest reading of the orientation, body to world"}),
+                      array("sensed_age_s", &C::age_s,
+                            {.unit = "s",
+                             .writer = "pose sensor",
+                             .about = "age of the latest reading that has arrived; see `rate_hz` and `latency_s`"}));
   }
 };
 
@@ -38,6 +43,7 @@ struct PoseReadings {
 struct LidarReadings {
   std::vector<float> ranges;
   std::vector<float> max_range_m;
+  std::vector<float> age_s;
 
   static constexpr auto fields() {
     using C = LidarReadings;
@@ -48,7 +54,11 @@ struct LidarReadings {
                .values = Values::range,
                .writer = "LiDAR",
                .about = "inf on a miss; `RuntimeError` before the first scan"}),
-        array("max_range_m", &C::max_range_m, {.unit = "m", .writer = "set_lidar()", .about = "maximum range of each drone"}));
+        array("max_range_m", &C::max_range_m, {.unit = "m", .writer = "set_lidar()", .about = "maximum range of each drone"}),
+        array("ranges_age_s", &C::age_s,
+              {.unit = "s",
+               .writer = "LiDAR",
+               .about = "age of the latest reading that has arrived; see `rate_hz` and `latency_s`"}));
   }
 };
 

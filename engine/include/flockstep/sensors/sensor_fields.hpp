@@ -1,4 +1,4 @@
-// Fields that all sensors share, the mounting pose and the rate, and names with which a make_sensor() is declared.
+// Fields that sensors share, the mounting pose, the rate and the latency, and names with which a make_sensor() is declared.
 #pragma once
 
 #include "flockstep/fields.hpp"
@@ -18,6 +18,13 @@ inline constexpr FieldInfo kSensorRate{.about =
                                            "`ClockConfig`. None: after every control step.",
                                        .unit = "Hz",
                                        .limits = above(0)};
+
+// Description of `latency_s`.
+inline constexpr FieldInfo kSensorLatency{.about =
+                                              "Time after which a reading arrives, rounded up to ticks. The first one of an "
+                                              "episode arrives at once.",
+                                          .unit = "s",
+                                          .limits = between(0, 1)};
 
 namespace sensors {
 class BlockSensor;
