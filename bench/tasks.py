@@ -6,7 +6,8 @@ The last policy of each training is judged, in worlds and flights that nothing e
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 
 import flockstep
 from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, Verdict, best_of, judge, train
+from flockstep.variations import presets
 from timing import Measured, Median, in_turns, timed
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -52,6 +54,30 @@ def figures(name: str, verdict: Verdict, flights: int) -> Iterator[Measured]:
         yield f"{name}/{what}", value, UNITS.get(what, "m" if what.endswith("_m") else "1"), flights
 
 
+def measure_varied() -> Iterator[Measured]:
+    """Train the LiDAR task by rotors and the forest with drones that differ and without; judge both on both."""
+    from training import forest_flight, rotor_navigation
+
+    for task, training in (("lidar_rotors", rotor_navigation.TRAINING), ("forest", forest_flight.TRAINING)):
+        for label, differs in ROTORS.items():
+            row = replace(training, learns=lambda t=training, d=differs: {**t.learns(), **d})
+            for seed in range(SEEDS):
+                model = train(row, "flockstep", seed, 2)
+                for kind, own in ROTORS.items():
+                    judged = replace(
+                        row, judged=lambda flights, first, t=training, o=own: _with(t.judged(flights, first), o)
+                    )
+                    verdict = judge(judged, model, training.flights, FIRST)
+                    yield f"rotors_varied/{task}/{label}/{seed}/{kind}", verdict.success, "1", training.flights
+
+
+def _with(kinds: Mapping[str, dict[str, Any]], own: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {kind: {**keywords, **own} for kind, keywords in kinds.items()}
+
+
+SEEDS = 5
+#: Drones as their airframe, and drones that differ as one does of which one has the data sheet.
+ROTORS: dict[str, dict[str, Any]] = {"alike": {}, "varied": {"variations": flockstep.vary(presets["sim2real"])}}
 DRONES, RUNS = 1024, 15
 WARM_UP, STEPS = 300, 100
 PHYSICS_HZ = 500

@@ -42,7 +42,7 @@ scene_suffixes: tuple[str, ...]
 batch_keywords: dict[str, str]
 """Fields of a `Recipe` by the keywords that set them, such as ``"lidar"`` for ``"lidars"``."""
 parameter_names: tuple[str, ...]
-"""Columns of `Batch.params`. {variation.hpp: Names of the floats}."""
+"""Names of the columns of `Batch.params`, such as ``"mass_scale"`` or ``"stretch[2]"``."""
 engine_tasks: dict[str, Any]
 """Configurations of the engine's tasks, by their names in recipes."""
 generated_scenes: tuple[str, ...]

@@ -126,8 +126,8 @@ def _presets() -> dict[str, list[Variation]]:
     }
 
 
-#: Lists of variations by name: "l2f", "omnidrones", "diffaero", "aerial_gym", "crazyflie" and "sim2real". The code names
-#: their sources.
+#: Lists of variations by name: "l2f", "omnidrones", "diffaero", "aerial_gym", "crazyflie" and "sim2real". The code
+#: names their sources.
 presets: Mapping[str, Sequence[Variation]] = MappingProxyType(_presets())
 
 #: Controllers by name. "gentle": gains by the rotors' lag. "px4": the defaults of PX4 1.15 (MC_ROLL_P 6.5, MC_YAW_P
@@ -172,11 +172,9 @@ def ramp(first: Sequence[Variation], last: Sequence[Variation], until: float = 0
 
     def laws(done: float) -> list[Variation]:
         share = min(done / until, 1.0)
-        between = lambda a, b: a + share * (b - a)  # noqa: E731
+        names = ("low", "high", "mean", "std")
         return [
-            _changed(
-                b, **{name: between(getattr(a, name), getattr(b, name)) for name in ("low", "high", "mean", "std")}
-            )
+            _changed(b, **{name: (1.0 - share) * getattr(a, name) + share * getattr(b, name) for name in names})
             for a, b in zip(first, last, strict=True)
         ]
 

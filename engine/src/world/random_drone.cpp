@@ -1,5 +1,6 @@
 #include "world/random_drone.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -40,7 +41,10 @@ DroneModel random_drone(std::uint64_t seed) {
   const double arm = kUsualArm * root / std::cbrt(kUsualMass) * draws(0.9, 1.1);
   const double most = lift * frame.mass_kg * kGravity / static_cast<double>(kRotors);  // N, one rotor
   const double turning = draws(40.0, 1200.0);                                          // rad/s^2
-  const double inertia = 2.0 * arm * most / turning;  // two rotors at full thrust, as its source has it
+  // Two rotors at full thrust, as its source has it. Unlike there, a small drone that turns slowly gets no inertia that its mass
+  // cannot have within its hull, which is kReach arms wide.
+  constexpr double kReach = 2.4;
+  const double inertia = std::min(2.0 * arm * most / turning, frame.mass_kg * (kReach * arm) * (kReach * arm) / kFlatness);
   frame.inertia_kgm2 = {inertia, inertia, kFlatness * inertia};
   frame.torque_ratio_m = draws(0.005, 0.05);
   frame.lag_up_s = draws(0.03, 0.10);

@@ -48,7 +48,7 @@ def network_config(
     observation_space: spaces.Space[Any],
     action_space: spaces.Space[Any],
     arguments: Mapping[str, Any],
-    critic_only: int,
+    last: int,
 ) -> tuple[NetworkConfig, float]:
     """Return the configuration of the networks, and the initial logarithm of the actions' standard deviations.
 
@@ -90,7 +90,7 @@ def network_config(
         critic_layers=critic,
         activation=_activation(arguments.get("activation_fn", "tanh")),
         features=_features(arguments.get("features_extractor_class", "FlattenExtractor")),
-        critic_only=critic_only,
+        critic_only=last,
     )
     if config.features != "flat" and isinstance(observation_space, spaces.Dict):
         raise ValueError("features_extractor_class: these features take an observation of one array, got a dict")
@@ -121,19 +121,19 @@ def observation_size(space: spaces.Space[Any]) -> int:
     return total
 
 
-def actor_space(space: spaces.Space[Any], critic_only: int) -> spaces.Space[Any]:
+def actor_space(space: spaces.Space[Any], last: int) -> spaces.Space[Any]:
     """Return the space of observations without the numbers at their end that only the critic gets."""
     if isinstance(space, spaces.Dict):
         parts: list[tuple[str, spaces.Space[Any]]] = []
         for name, part in reversed(space.spaces.items()):
             size = int(np.prod(part.shape or ()))
-            if not critic_only or size > critic_only:
-                parts.insert(0, (name, actor_space(part, critic_only)))
-            critic_only -= min(size, critic_only)
+            if not last or size > last:
+                parts.insert(0, (name, actor_space(part, last)))
+            last -= min(size, last)
         return spaces.Dict(parts)
     assert isinstance(space, spaces.Box)
-    size = int(np.prod(space.shape)) - critic_only
-    if not critic_only:
+    size = int(np.prod(space.shape)) - last
+    if not last:
         return space
     return spaces.Box(space.low.ravel()[:size], space.high.ravel()[:size], dtype=space.dtype.type)
 

@@ -371,10 +371,10 @@ def flat_rows(space: spaces.Space[Any], observation: Any, rows: int | None) -> A
     return np.concatenate(parts, axis=1)
 
 
-def rows_to_act_on(space: spaces.Space[Any], critic_only: int, observation: Any) -> tuple[Array, bool]:
-    """Return observations (R, k), or (R, k - critic_only) if they end there, and True if there is a single one."""
-    if critic_only and not ends_in(space, observation):
-        part = actor_space(space, critic_only)
+def rows_to_act_on(space: spaces.Space[Any], last: int, observation: Any) -> tuple[Array, bool]:
+    """Return observations (R, k), or (R, k - last) if they end there, and True if there is a single one."""
+    if last and not ends_in(space, observation):
+        part = actor_space(space, last)
         space = part if ends_in(part, observation) else space
     values, first = observation, space
     if isinstance(space, spaces.Dict):

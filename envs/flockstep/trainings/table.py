@@ -13,8 +13,16 @@ from typing import Any
 import numpy as np
 
 from flockstep import scenes
-from flockstep._core import FormationConfig, HoverConfig, NavigationReward, RaceConfig, TrackConfig, World
-from flockstep.trainings import flyers
+from flockstep._core import (
+    FormationConfig,
+    HoverConfig,
+    NavigationReward,
+    ObservationConfig,
+    RaceConfig,
+    TrackConfig,
+    World,
+)
+from flockstep.trainings import flyers, varied
 from flockstep.trainings.flying import Flyer
 from flockstep.trainings.training import TRAINING_SEEDS, Keywords, Training
 
@@ -23,8 +31,6 @@ WAREHOUSES = 16
 CAMERA_HEIGHT_M, CAMERA_SIDEWAYS_M = 3.12, 2.5
 """Height of the camera task's playgrounds, and how far to the side their goals are at most."""
 LAPS = 3
-NARROWER_M = 0.15
-"""How much narrower the gates are in training: a policy that learns in them keeps away from the frames of others."""
 FORMATION_STEPS = {"hall": 300, "playground": 400, "warehouse": 1500}
 
 
@@ -109,14 +115,6 @@ def _camera_judged(flights: int, seed: int) -> dict[str, Keywords]:
     return {
         kind: {"worlds": chosen, "flights": len(chosen), "max_episode_steps": 500} for kind, chosen in kinds.items()
     }
-
-
-def narrowed(world: World) -> World:
-    """Return a race track with narrower gates."""
-    scene = world.to_dict()
-    for gate in scene["gates"]:
-        gate["size"] -= NARROWER_M
-    return World.from_dict(scene)
 
 
 def _race(flights: int, seed: int, **keywords: Any) -> dict[str, Keywords]:
@@ -261,7 +259,7 @@ TRAININGS: dict[str, Training] = {
             "learning_rate": 2e-3,
             "policy_kwargs": {"log_std_init": -0.7},
         },
-        learns=lambda: {"worlds": [narrowed(World.load("race/figure-8"))]},
+        learns=lambda: {"worlds": [varied.narrowed(World.load("race/figure-8"))]},
         judged=functools.partial(_race, worlds="race/figure-8"),
         measure=functools.partial(flyers.Laps, laps=LAPS),
         figures={"lap_s": ("", "lap_s"), "speed_mps": ("", "speed_mps")},
@@ -362,7 +360,7 @@ TRAININGS["dodge_still"] = replace(
 TRAININGS["race_unseen"] = replace(
     TRAININGS["race"],
     learns=lambda: {
-        "worlds": [narrowed(each) for each in worlds("race_track", TRAINING_SEEDS[:300])],
+        "worlds": [varied.narrowed(each) for each in worlds("race_track", TRAINING_SEEDS[:300])],
         "random_world": True,
     },
     judged=lambda flights, seed: _race(flights, seed, worlds=worlds("race_track", _range(seed, flights))),
@@ -372,4 +370,11 @@ TRAININGS["race_unseen"] = replace(
         "max_episode_steps": 3000,
         "worlds": "race_track/seed-1000000",
     },
+)
+TRAININGS |= varied.TRAININGS
+TRAININGS["race_alike"] = replace(
+    TRAININGS["race"],
+    judged=varied.raced(ObservationConfig()),
+    figures=varied.TRAININGS["race_varied"].figures,
+    bench=("race_varied", "alike", 5),
 )

@@ -79,8 +79,8 @@ TEST(SensorSuite, PublishesTheTruthItselfWithoutErrors) {
   const BatchConfig exact = flying({ImuConfig{}});
   const BatchConfig noisy = flying({kNoisy});
   sensors::Readings<ImuReadings> same, apart;
-  same.allocate({.num_drones = 2}, false);
-  apart.allocate({.num_drones = 2}, true);
+  same.allocate({.num_drones = 2}, false, false);
+  apart.allocate({.num_drones = 2}, true, false);
   EXPECT_EQ(&same.truth(), &same.published());
   EXPECT_NE(&apart.truth(), &apart.published());
   Batch a(exact, {closet()}), b(noisy, {closet()});
@@ -118,7 +118,7 @@ TEST(SensorSuite, ListsTheArraysOfASensorByItsName) {
   Batch batch(flying({named(kNoisy, "b")}, {{.name = "low", .channels = 2, .beams = 5}}), {closet()});
   fly(batch);
   const std::vector<ArrayView> imu = batch.sensor_arrays("b"), lidar = batch.sensor_arrays("low");
-  ASSERT_EQ(imu.size(), 2U);
+  ASSERT_EQ(imu.size(), 3U);
   EXPECT_STREQ(imu[1].name, "gyroscope");
   EXPECT_EQ(imu[1].data, batch.readings<ImuReadings>().gyroscope.data());
   EXPECT_EQ(lidar[0].data, batch.lidar().readings().ranges.data());

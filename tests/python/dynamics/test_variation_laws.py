@@ -78,5 +78,5 @@ def test_a_curriculum_changes_the_laws():
         ramp(easy, vary(mass_scale=1.0))
     envs.close()
     late = batch_of(plain(), 2, variations=vary(action_delay_s=(0.0, 0.01)))
-    with refused(ValueError, "variations", "action_delay_s", 0.01):
+    with refused(ValueError, "variations", "action_delay_s", 0.02):
         late.set_variations(vary(action_delay_s=(0.0, 0.02)))

@@ -379,7 +379,9 @@ def test_gains_are_scaled_as_those_of_a_controller():
 
 def test_frames_are_drawn_and_actions_mean_their_own_thrust():
     names = ["crazyflie", "racer5", "x500", "random/seed-5"]
-    envs = flockstep.DroneVectorEnv(num_envs=64, task=flockstep.HoverConfig(), airframes=names, autoreset_mode="disabled")
+    envs = flockstep.DroneVectorEnv(
+        num_envs=64, task=flockstep.HoverConfig(), airframes=names, autoreset_mode="disabled"
+    )
     envs.reset(seed=0)
     rows = envs.batch.params[:, -1].astype(int)
     assert set(rows) == set(range(4))

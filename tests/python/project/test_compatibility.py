@@ -25,7 +25,7 @@ else:
 
 HEADERS = ROOT / "engine" / "include" / "flockstep"
 #: Hash of the headers that a C++ task includes, for each task format. A release keeps the entry of its format.
-TASK_HEADERS = {6: "3e94dd10f7ed4229"}
+TASK_HEADERS = {6: "783211d4fa178ddf"}
 
 
 def text_of(path: str) -> str:

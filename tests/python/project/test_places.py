@@ -95,7 +95,7 @@ WHERE = {
 USERS = {
     "field": r"/trainings/|flockstep/(thesis|variations)\.py",
     "sensor": r"flockstep/thesis\.py",
-    "task": r"flockstep/thesis\.py",
+    "task": r"flockstep/(thesis|trainings/varied)\.py",
 }
 
 

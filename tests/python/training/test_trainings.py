@@ -16,7 +16,7 @@ from messages import refused
 
 import flockstep
 from flockstep import trainings
-from flockstep.trainings import CHOOSING_SEEDS, TRAININGS, UNSEEN_SEEDS, flyers, flying, judge, learning, table
+from flockstep.trainings import CHOOSING_SEEDS, TRAININGS, UNSEEN_SEEDS, flyers, flying, judge, learning, table, varied
 from tools import keep_policy
 from training import race_bound
 
@@ -183,9 +183,9 @@ def test_seeds_of_training_choosing_and_report_are_disjoint():
 
 def test_gates_are_narrower_in_training():
     for track in (flockstep.World.load("race/split-s"), flockstep.World.race_track(3)):
-        made = table.narrowed(track)
+        made = varied.narrowed(track)
         widths = [gate["size_m"] for gate in track.gates]
-        np.testing.assert_allclose([gate["size_m"] for gate in made.gates], np.array(widths) - table.NARROWER_M)
+        np.testing.assert_allclose([gate["size_m"] for gate in made.gates], np.array(widths) - varied.NARROWER_M)
         np.testing.assert_array_equal(made.gates[2]["center"], track.gates[2]["center"])
 
 

@@ -182,7 +182,7 @@ struct Variation {
 
 // Number of floats in DroneParameters, P.
 inline constexpr std::size_t kNumParameters = sizeof(DroneParameters) / sizeof(float);
-// Names of the floats of DroneParameters in order, such as "mass_scale" or "stretch[0]".
+// Names of the floats of DroneParameters in order: "mass_scale", "stretch[0]" and so on.
 FLOCKSTEP_API const std::vector<std::string>& parameter_names();
 
 }  // namespace flockstep
