@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 from flockstep._core import Batch, ControllerConfig, Variation, parameter_names
+from flockstep.errors import did_you_mean
 
 #: A law: a number (a constant), a pair of bounds (uniform), or a `Variation` of any parameter.
 Law = float | tuple[float, float] | Variation
@@ -74,6 +74,17 @@ def _changed(law: Variation, **changes: Any) -> Variation:
     return Variation(**{**{name: getattr(law, name) for name in Variation.__match_args__}, **changes})
 
 
+class _Named(dict[str, Any]):
+    """Values by name; for an unknown name the error lists all."""
+
+    def __init__(self, field: str, values: dict[str, Any]) -> None:
+        super().__init__(values)
+        self._field = field
+
+    def __missing__(self, name: object) -> Any:
+        raise ValueError(f"{self._field}: expected one of {', '.join(self)}, got {name!r}{did_you_mean(name, self)}")
+
+
 def _presets() -> dict[str, list[Variation]]:
     def around(share: float, **options: Any) -> Variation:
         return uniform(1 - share, 1 + share, **options)
@@ -128,12 +139,13 @@ def _presets() -> dict[str, list[Variation]]:
 
 #: Lists of variations by name: "l2f", "omnidrones", "diffaero", "aerial_gym", "crazyflie" and "sim2real". The code
 #: names their sources.
-presets: Mapping[str, Sequence[Variation]] = MappingProxyType(_presets())
+presets: Mapping[str, Sequence[Variation]] = _Named("presets", _presets())
 
 #: Controllers by name. "gentle": gains by the rotors' lag. "px4": the defaults of PX4 1.15 (MC_ROLL_P 6.5, MC_YAW_P
 #: 2.8, MPC_XY_P 0.95, MPC_XY_VEL_P_ACC 1.8, MPC_XY_VEL_I_ACC 0.4; rates: 0.15 and 0.2 times what a unit of torque does
 #: to its X500). "betaflight": a rate loop as quick as Betaflight 4.6 has with default PIDs on a racer of 5 inches.
-controllers: Mapping[str, ControllerConfig] = MappingProxyType(
+controllers: Mapping[str, ControllerConfig] = _Named(
+    "controllers",
     {
         "gentle": ControllerConfig(),
         "px4": ControllerConfig(
@@ -147,7 +159,7 @@ controllers: Mapping[str, ControllerConfig] = MappingProxyType(
             lead=1.0,
         ),
         "betaflight": ControllerConfig(rate_gain_per_s=25.0, lead=1.0),
-    }
+    },
 )
 
 

@@ -8,7 +8,7 @@ from variation_rows import row
 
 import flockstep
 from flockstep import vary
-from flockstep.variations import Curriculum, ramp
+from flockstep.variations import Curriculum, controllers, presets, ramp
 
 
 @pytest.mark.parametrize(
@@ -80,3 +80,10 @@ def test_a_curriculum_changes_the_laws():
     late = batch_of(plain(), 2, variations=vary(action_delay_s=(0.0, 0.01)))
     with refused(ValueError, "variations", "action_delay_s", 0.02):
         late.set_variations(vary(action_delay_s=(0.0, 0.02)))
+
+
+def test_misspelt_names_are_refused():
+    with refused(ValueError, "presets", *presets, "diffaeros"):
+        presets["diffaeros"]
+    with refused(ValueError, "controllers", *controllers, "px5"):
+        controllers["px5"]
