@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import statistics
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,8 @@ import matplotlib.pyplot as plt
 
 import table
 
-#: Charts by file: title, axes, and the figures of each line. Their names have the position on the x axis, which is then
-#: logarithmic, or each figure has a curve of its own.
+#: Charts by file: title, axes, and the figures of each line. Their names have the position on the x axis, or each
+#: figure has a curve of its own. Axes with positions are logarithmic, unless y is a success.
 CHARTS: dict[str, tuple[str, str, str, dict[str, str]]] = {
     "speed-drones": (
         "One thread",
@@ -37,6 +38,16 @@ CHARTS: dict[str, tuple[str, str, str, dict[str, str]]] = {
             "frames of 64 x 64 in a playground": "scaling/frames_per_second/playground_camera-train-1/threads{x}",
             "frames in an office": "scaling/frames_per_second/indoor_office/threads{x}",
             "steps of forest, with depth": "scaling/steps_per_second/forest512/threads{x}",
+        },
+    ),
+    "drones-that-differ": (
+        "Race: three laps without a contact, median of five seeds",
+        "percent by which each number of the drone may be off",
+        "success",
+        {
+            "trained with differences": "race_varied/varied/{seed}/{x:\\d+}/success",
+            "trained without": "race_varied/alike/{seed}/{x:\\d+}/success",
+            "controller": "race_varied/controller/{x:\\d+}/success",
         },
     ),
     "thesis-steps": (
@@ -87,7 +98,12 @@ def lines_of(patterns: dict[str, str], results: dict[str, Any]) -> dict[str, lis
                 lines.setdefault(label, []).append((int(at["x"]), figure["value"]))
             else:
                 lines[label.format(**at)] = figure["curve"]
-    return {label: sorted(line) for label, line in lines.items()}
+    return {label: medians(line) if isinstance(line[0], tuple) else line for label, line in lines.items()}
+
+
+def medians(points: list[tuple[int, float]]) -> list[tuple[int, float]]:
+    """Return one point for each position: the median of its values, such as those of five seeds."""
+    return [(x, statistics.median(value for at, value in points if at == x)) for x in sorted({x for x, _ in points})]
 
 
 def draw(results: dict[str, Any], folder: Path, is_check: bool) -> None:
@@ -96,7 +112,7 @@ def draw(results: dict[str, Any], folder: Path, is_check: bool) -> None:
         lines = lines_of(patterns, results)
         if not lines:
             continue
-        is_log = any("{x}" in pattern for pattern in patterns.values())
+        is_log = any("{x" in pattern for pattern in patterns.values())
         path, told = folder / f"{name}.svg", json.dumps([title, x_label, y_label, lines])
         if path.exists() and told in path.read_text(encoding="utf-8"):
             continue
@@ -108,7 +124,7 @@ def draw(results: dict[str, Any], folder: Path, is_check: bool) -> None:
                 axes.plot(*zip(*line, strict=True), marker="o" if is_log else "", markersize=4, label=label)
             axes.set(title=title, xlabel=x_label, ylabel=y_label)
             if is_log:
-                axes.set(xscale="log", yscale="log")
+                axes.set(**({"ylim": (0, 1.05)} if y_label == "success" else {"xscale": "log", "yscale": "log"}))
                 axes.set_xticks([x for x, _ in next(iter(lines.values()))], minor=False)
                 axes.minorticks_off()
             elif y_label == "ms":

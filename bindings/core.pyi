@@ -1531,7 +1531,7 @@ class Batch:
 
     @property
     def variations(self) -> list[Variation]:
-        """What differs from drone to drone; a copy."""
+        """Laws of the numbers that differ from drone to drone; a copy."""
 
     @property
     def airframes(self) -> list[str]:

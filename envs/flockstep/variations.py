@@ -1,4 +1,4 @@
-"""What differs from drone to drone: lists of `Variation`, presets with their sources, and a description."""
+"""Drones that differ: lists of `Variation`, presets with their sources, and a description."""
 
 from __future__ import annotations
 

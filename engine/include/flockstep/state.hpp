@@ -179,7 +179,7 @@ struct FlightState {
   }
 };
 
-// What differs from drone to drone. Both arrays are empty without BatchConfig::variations.
+// Numbers that differ from drone to drone. Both arrays are empty without BatchConfig::variations.
 struct ParameterState {
   std::vector<float> params;
   std::vector<float> battery;

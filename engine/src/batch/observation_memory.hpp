@@ -23,7 +23,7 @@ class ObservationMemory {
   // Throws std::invalid_argument if the task's observation or action has no place for what the configuration asks.
   ObservationMemory(const BatchConfig& config, const TaskSpec& of_task, std::size_t rows);
 
-  // What agents observe: the specification of the task with longer observations.
+  // Specification of the agents' observations: the one of the task with longer observations.
   const TaskSpec& spec() const { return spec_; }
   // Rows that the task writes.
   std::span<Buffer> newest() { return newest_; }

@@ -44,7 +44,7 @@ struct Fleet {
     return drones_per_env == 1 ? std::size_t{drone} : drone / drones_per_env;
   }
 
-  // The drone's airframe as the controller knows it, and as it is with the drone's parameters.
+  // The drone's airframe as the controller knows it, and the true one, with the drone's parameters.
   const Airframe& airframe_of(DroneIndex drone) const { return airframes[airframe_row(drone)]; }
   const Airframe& true_airframe_of(DroneIndex drone) const {
     return true_airframes.empty() ? airframe_of(drone) : true_airframes[drone];

@@ -17,7 +17,7 @@ ALL = ObservationConfig(history=3, past_actions=2, delay_s=0.05, jitter_s=0.08, 
 
 
 class Episode:
-    """What a drone has observed and done, and what it should know of it."""
+    """A drone's past, and what it should know of it."""
 
     def __init__(self, config, step_s, draw, first):
         self.config, self.step_s, self.draw = config, step_s, draw
@@ -33,7 +33,7 @@ class Episode:
         return i + math.ceil(late_s / self.step_s - 1e-3)
 
     def known(self):
-        """What the agent knows now."""
+        """The agent's observation now."""
         now = len(self.observed) - 1
         shown = [
             max(i for i in range(max(k, 0) + 1) if self.arrives(i) <= max(k, 0))

@@ -70,7 +70,7 @@ def test_a_drone_flies_as_a_body_that_is_made_so(name):
     made = Body([as_made(FULL, **values)])
     batch.set_pose([[0, 0, 5]], None)
     start = states_of(batch)
-    if name in ("mass", "payload", "thrust"):  # rotors begin at the hover speed of the drone as it is
+    if name in ("mass", "payload", "thrust"):  # rotors begin at the hover speed of this drone
         lift = made.thrust(start[:, 13:]).sum()
         assert lift == pytest.approx(made.mass[0, 0] * GRAVITY, rel=1e-6)
     expected = made.fly(start, commands.astype(float), 0.01)[-1]
