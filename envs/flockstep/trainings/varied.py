@@ -176,6 +176,13 @@ _RACE = Training(
     measure=functools.partial(flyers.Laps, laps=3),
     figures=_reports(["alike", "quick", *map(str, WIDTHS)], "success", "lap_s"),
     baselines={"controller": [flyers.Pursuit(float(speed)) for speed in np.arange(2.0, 10.1, 0.5)]},
+    film={
+        "task": RaceConfig(start="gate", laps=3),
+        "steps": 3000,
+        "max_episode_steps": 3000,
+        "observed": LONGER_MEMORY,
+        "render_view": ((-10.5, -8.5, 7.7), (0.5, 0.5, 1.0)),
+    },
 )
 
 TRAININGS: dict[str, Training] = {

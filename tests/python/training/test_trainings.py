@@ -315,7 +315,8 @@ def test_unknown_ends_are_not_judged():
 
 @pytest.mark.parametrize("name", flockstep.policies.names())
 def test_bundled_policies_fit_the_environment_of_their_row(name):
-    model, envs = flockstep.policies.load(name), gymnasium.make_vec(TRAININGS[name].env, num_envs=2)
+    own = {key: value for key, value in TRAININGS[name].film.items() if key in ("control", "observed")}
+    model, envs = flockstep.policies.load(name), gymnasium.make_vec(TRAININGS[name].env, num_envs=2, **own)
     actions, _ = model.predict(envs.reset(seed=0)[0], deterministic=True)
     assert actions.shape == (envs.num_envs, *envs.single_action_space.shape)
     assert model.num_timesteps > 1_000_000
