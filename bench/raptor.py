@@ -52,6 +52,8 @@ class ByRaptor:
         self.range = self._ranges(envs)
         low, hover, high = self.range
         self.last = 2.0 * (hover - low) / (high - low) - 1.0
+        w, _, _, z = envs.batch.quat_wxyz.T.astype(float)
+        self.heading = 2.0 * np.arctan2(z, w)  # at the throw, which RAPTOR keeps as its direction of 0
 
     @staticmethod
     def _ranges(envs: Any) -> Any:
@@ -65,17 +67,18 @@ class ByRaptor:
             rows.append((rotors["min_speed_radps"], batch.rotor_speed[drone, 0], rotors["max_speed_radps"]))
         return np.array(rows).T[:, :, None] * np.ones(4)
 
+    def _turned(self, vectors: Any) -> Any:
+        # Vectors of the world in axes turned by the heading.
+        x, y, z = vectors.T
+        c, s = np.cos(self.heading), np.sin(self.heading)
+        return np.stack([c * x + s * y, c * y - s * x, z], axis=1)
+
     def __call__(self, offset: Any) -> Any:
         """Return actions from the offsets of the point in the body frame."""
         batch = self.envs.batch
-        turn = np.stack([rotate(batch.quat_wxyz, np.tile(axis, (len(offset), 1))) for axis in np.eye(3)], axis=2)
-        seen = [
-            -rotate(batch.quat_wxyz, offset),
-            turn.reshape(-1, 9),
-            batch.velocity,
-            batch.angular_velocity,
-            self.last,
-        ]
+        axes = [self._turned(rotate(batch.quat_wxyz, np.tile(axis, (len(offset), 1)))) for axis in np.eye(3)]
+        place, velocity = self._turned(-rotate(batch.quat_wxyz, offset)), self._turned(batch.velocity)
+        seen = [place, np.stack(axes, axis=2).reshape(-1, 9), velocity, batch.angular_velocity, self.last]
         self.last = np.clip(self.policy.evaluate_step(np.concatenate(seen, axis=1)), -1.0, 1.0)
         low, hover, high = self.range
         speed = np.empty_like(self.last)
@@ -121,4 +124,5 @@ def measure() -> Iterator[Measured]:
                 name = f"raptor/{throw}/{kind}/{who}"
                 yield f"{name}/within_50cm", float((found <= 0.5).mean()), "1", FLIGHTS
                 yield f"{name}/within_5cm", float((found <= 0.05).mean()), "1", FLIGHTS
-                yield f"{name}/median_error_m", float(np.median(found)), "m", FLIGHTS
+                if found[found <= 0.5].size:
+                    yield f"{name}/median_error_m", float(np.median(found[found <= 0.5])), "m", FLIGHTS
