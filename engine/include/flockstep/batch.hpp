@@ -145,8 +145,8 @@ class FLOCKSTEP_API Batch {
   // Sets what differs from drone to drone: rows (N, kNumParameters) like state().parameters.params. They last
   // until the next draw, and only parameters in config().variations may be other than their defaults.
   void set_params(std::span<const float> params, DroneMask mask = {});
-  // Replaces the laws of the variations for the next draws, which is how a curriculum makes them harder. The list has to be about the same
-  // parameters as before, without longer delays.
+  // Replaces the laws of the variations for the next draws, which is how a curriculum makes them harder. The list has to be about
+  // the same parameters as before, without longer delays.
   void set_variations(const std::vector<Variation>& variations);
   // Flies a command (N, 4) for a number of ticks in [0, 1000000]; 0 means one step. control: the meaning of this command, by
   // default config().dynamics.control; not Control::pose. Rotor motion only; use move() for kinematic motion.

@@ -175,7 +175,7 @@ struct Simulation {
     if (seen_drones) seen_drones->update();
   }
 
-  BatchConfig config;  // only set_variations() changes it
+  BatchConfig config;             // only set_variations() changes it
   std::optional<PoolState> pool;  // if the worlds are drawn from a pool
   // Tables by slot: the world, its scene for rays, its obstacles for drones and its bodies. They are constant without a pool.
   // With a pool, free slots are null.

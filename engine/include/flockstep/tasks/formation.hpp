@@ -70,7 +70,7 @@ struct FormationConfig {
                 {"place", "``place_weight`` exp(-d); d is the distance of the drone from its place, m"},
                 {"crash", "-``crash_weight`` at a contact, and when d exceeds ``max_distance_m``"},
                 {"near", "-``near_weight`` max(0, 1 - (nearest range) / ``near_m``)"},
-                {"change", "-``change_weight`` times the mean squared change of the action, at first from 0"},
+                {"change", "-``change_weight`` times the mean squared difference from the last action, 0 at first"},
             },
         .end =
             "An episode is terminated at a contact, or if d exceeds ``max_distance_m``. It is truncated when the leader has "

@@ -25,11 +25,11 @@ struct HoverConfig {
             "direction and a rate of up to ``start_rate_dps`` about each body axis, all uniform. A start that would touch "
             "something is drawn again, up to 64 times, then it is at the point, level.",
         .action =
-            "Four numbers, clipped to [-1, 1]: a command of ``control``, scaled as by `Terms.command`. 0 hovers or has no "
-            "effect, and ±1 is the largest command.",
+            "Four numbers, clipped to [-1, 1]. By default each is the thrust of a rotor: -1 the least, 0 hovering, 1 the "
+            "greatest. With another ``control``, 0 hovers or has no effect, and ±1 is the largest command.",
         .observed =
-            "All vectors are in the body frame, and nothing depends on the heading. Offset and directions come from the pose "
-            "sensor; velocities and rotor speeds are exact.",
+            "All vectors are in the body frame, and nothing depends on the heading. The offset and the up vector come from the "
+            "pose sensor, which is exact unless you give it noise.",
         .observation =
             {
                 {"3", "offset to the point, m"},
@@ -44,7 +44,7 @@ struct HoverConfig {
                 {"hold", "``hold_weight`` / (1 + (d / (2 ``hold_m``))^2)"},
                 {"speed", "-``speed_weight`` times the speed, m/s"},
                 {"spin", "-``spin_weight`` times the magnitude of the angular velocity, in units of 10 rad/s"},
-                {"change", "-``change_weight`` times the mean squared change of the action, at first from 0"},
+                {"change", "-``change_weight`` times the mean squared difference from the last action, 0 at first"},
                 {"crash", "-``crash_weight`` if the episode ends as a crash"},
             },
         .end =

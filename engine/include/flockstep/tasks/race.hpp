@@ -57,7 +57,7 @@ struct RaceConfig {
                  "of a step"},
                 {"gate", "``gate_weight`` for each gate passed"},
                 {"rates", "-``rates_weight`` times the magnitude of the angular velocity, rad/s"},
-                {"change", "-``change_weight`` times the mean squared change of the action, at first from 0"},
+                {"change", "-``change_weight`` times the mean squared difference from the last action, 0 at first"},
                 {"crash", "-``crash_weight`` on a crash"},
             },
         .end =

@@ -40,7 +40,7 @@ struct TrackConfig {
             "At a random point of the path, offset by up to ``start_offset_m`` along each axis, level, with the path's velocity "
             "and yaw, and with rotors at hover speed.",
         .action =
-            "Four numbers, clipped to [-1, 1]: a command of ``control``, scaled as by `Terms.command`. 0 hovers or has no "
+            "Four numbers, clipped to [-1, 1]: a command of ``control``; see `Terms.command`. 0 hovers or has no "
             "effect, and ±1 is the largest command.",
         .observed =
             "All vectors are in the body frame. Offsets and directions come from the pose sensor; velocities and rotor speeds "
@@ -61,7 +61,7 @@ struct TrackConfig {
                 {"close", "``close_weight`` / (1 + (d / ``close_m``)^2)"},
                 {"yaw", "-``yaw_weight`` times the yaw error, rad"},
                 {"spin", "-``spin_weight`` times the magnitude of the angular velocity, in units of 10 rad/s"},
-                {"change", "-``change_weight`` times the mean squared change of the action, at first from 0"},
+                {"change", "-``change_weight`` times the mean squared difference from the last action, 0 at first"},
                 {"crash", "-``crash_weight`` if the episode ends as a crash"},
             },
         .end =
