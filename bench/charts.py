@@ -47,7 +47,7 @@ CHARTS: dict[str, tuple[str, str, str, dict[str, str]]] = {
         {
             "trained with differences": "race_varied/varied/{seed}/{x:\\d+}/success",
             "trained without": "race_varied/alike/{seed}/{x:\\d+}/success",
-            "controller": "race_varied/controller/{x:\\d+}/success",
+            "controller, slower": "race_varied/controller/{x:\\d+}/success",
         },
     ),
     "thesis-steps": (
