@@ -40,6 +40,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import os
 import re
 import shutil
 import statistics
@@ -258,8 +259,8 @@ def tables(spec: str, by_source: bool, results: Results) -> str:
     return "\n".join(written)
 
 
-def document(text: str, results: Results, trials: Results) -> str:
-    """Return a document with its tables, its figures, its charts and its numbers of trials."""
+def document(text: str, results: Results, trials: Results, images: str = "../images") -> str:
+    """Return a document with its tables, its figures, its charts in a folder and its numbers of trials."""
 
     def count(match: re.Match[str]) -> str:
         if (trial := trials.get(match[2])) is None:
@@ -276,7 +277,7 @@ def document(text: str, results: Results, trials: Results) -> str:
 
     def chart(match: re.Match[str]) -> str:
         is_drawn = (ROOT / "docs" / "images" / f"{match[2]}.svg").exists()
-        shown = f"![{match[3]}](../images/{match[2]}.svg)" if is_drawn else "Not measured yet."
+        shown = f"![{match[3]}]({images}/{match[2]}.svg)" if is_drawn else "Not measured yet."
         return f"{match[1]}{shown}\n{match[4]}"
 
     text = CHART.sub(chart, FIGURE.sub(figure, text))
@@ -330,7 +331,8 @@ def main() -> None:
     charts.draw(results, ROOT / "docs" / "images", args.check)
     for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))):
         text = path.read_text(encoding="utf-8")
-        if (written := document(text, results, trials)) == text:
+        images = os.path.relpath(ROOT / "docs" / "images", path.parent)
+        if (written := document(text, results, trials, images)) == text:
             continue
         if args.check:
             sys.exit(f"{path.name}: its figures are out of date: run python bench/table.py")

@@ -100,6 +100,7 @@ def test_every_row_names_known_keywords_and_figures(name):
     training = TRAININGS[name]
     assert {what for _, what in training.figures.values()} <= {
         *("success", "crashed", "seconds", "contacts_per_minute", "lap_s", "speed_mps", "error_m", "median_error_m"),
+        *("within_20cm", "turn_radps"),
     }
     flights = 2
     kinds = set(training.judged(flights, UNSEEN))
