@@ -436,7 +436,7 @@ void register_config(py::module_& module) {
   register_fields<ControllerConfig>(
       module, "ControllerConfig",
       "Gains, limits and lag of the flight controller, a cascade: position to velocity, velocity to acceleration,\n"
-      "attitude to body rates, body rates to torques. `flockstep.controllers` has presets.");
+      "attitude to body rates, body rates to torques. ``flockstep.variations.controllers`` has presets.");
   register_fields<DynamicsConfig>(module, "DynamicsConfig");
   register_fields<DroneParameters>(
       module, "DroneParameters",

@@ -45,7 +45,7 @@ def vary(*presets: Iterable[Variation], **laws: Law) -> list[Variation]:
         later one counts.
     laws
         A law for each parameter, by its name in `DroneParameters`: a pair of bounds is uniform, a number constant, and
-        `uniform`, `log_uniform`, `normal` and `choice` of `flockstep.variations` make other laws.
+        ``uniform``, ``log_uniform``, ``normal`` and ``choice`` of ``flockstep.variations`` make other laws.
 
     Returns
     -------

@@ -113,9 +113,9 @@ class TaskContext {
   // Motion model of the drones, and meaning of Setpoints.
   virtual const DynamicsConfig& dynamics() const = 0;
   virtual const ClockConfig& clock() const = 0;  // rates
-  // The airframes of the drones, which are one unless BatchConfig::frames has several, and the row of a drone's. A drone's own
-  // parameters may differ from it; see DroneParameters. Empty in kinematic motion.
+  // The airframes of the drones: one unless BatchConfig::airframes has several, none in kinematic motion.
   virtual std::span<const Airframe> airframes() const = 0;
+  // The row of a drone's airframe, from which its own parameters may differ; see DroneParameters.
   virtual std::size_t airframe_row(DroneIndex drone) const = 0;
 
   // Puts a drone at a pose, without a collision check. Call it in Task::place(). A pose that is not in the world is a bad

@@ -39,7 +39,7 @@ struct ObservationConfig {
               {.about = "Add the age of the newest observation that has arrived, in seconds, as the last number."}));
   }
 
-  static constexpr int kMaxHistory = 64;
+  static constexpr int kMaxHistory = 64;     // observations, and actions
   static constexpr double kMaxDelay = 10.0;  // s
 
   // True if observations are those of the task.
