@@ -106,7 +106,7 @@ def _hover(crazyflie: bool) -> Keywords:
         "wind": WindConfig(gusts="dryden"),
     }
     return {
-        "task": HoverConfig(crash_weight=30.0, start_tilt_deg=110.0, start_speed_mps=2.5),
+        "task": HoverConfig(crash_weight=30.0, start_tilt_deg=110.0, start_speed_mps=2.5, spin_weight=1.5),
         "control": "body_rates",
         "observed": MEMORY,
         "reward_scale": 0.1,
@@ -129,7 +129,7 @@ def _reports(kinds: list[str], *what: str) -> dict[str, tuple[str, str]]:
 
 _HOVER = Training(
     env="flockstep/Hover-v0",
-    steps=10_000_000,
+    steps=16_000_000,
     num_envs=1024,
     settings={
         "n_steps": 32,
