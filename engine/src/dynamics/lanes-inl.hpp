@@ -32,7 +32,7 @@ HWY_INLINE void store3(const V3& v, Lanes<3>& lanes, std::size_t at) {
 }
 
 // Replaces the setpoint by those that have arrived.
-HWY_NOINLINE void take_arrivals(std::span<const Arrival> arrivals, int tick, std::size_t lane, F* set) {
+HWY_NOINLINE inline void take_arrivals(std::span<const Arrival> arrivals, int tick, std::size_t lane, F* set) {
   const F now(static_cast<float>(tick));
   for (const Arrival& arrival : arrivals) {
     const F::Mask has_arrived = load(arrival.tick, lane) <= now;
