@@ -312,17 +312,8 @@ void check_values_of(Simulation& sim) {
   check_arrays(sim.state);
   check_arrays(sim.state.contact);
   check_arrays(sim.state.flight);
-  dynamics::check_parameters(sim.state.parameters.params, "snapshot: params: ");
   check_arrays(sim.state.bodies);
   checks::poses(sim.state.bodies.position, sim.state.bodies.quat_wxyz, sim.state.bodies.active.size());
-  if (sim.fleet) {
-    const std::size_t rows = sim.fleet->airframes.size();
-    for (const std::int32_t row : sim.fleet->airframe_index) {
-      require(row >= 0 && static_cast<std::size_t>(row) < rows, "snapshot: airframe_index", "rows of the table of airframes",
-              row);
-    }
-    require(sim.fleet->commands.is_valid(), "snapshot: ring_count", "numbers >= 0", "another");
-  }
   for_each_sensor(sim, [](const sensors::Sensor& sensor) { sensor.check(); });
   if (!sim.task_state) return;
   check_arrays(sim.episodes);

@@ -324,6 +324,16 @@ void Fleet::send_commands(const State& state, std::span<const DroneIndex> drones
 }
 
 void Fleet::restored(State& state) {
+  const auto is_row = [&](std::int32_t row) { return row >= 0 && static_cast<std::size_t>(row) < airframes.size(); };
+  for (const std::int32_t row : airframe_index) {
+    require(is_row(row), "snapshot: airframe_index", "rows of the table of airframes", row);
+  }
+  require(commands.is_valid(), "snapshot: ring_count", "numbers >= 0", "another");
+  dynamics::check_parameters(state.parameters.params, "snapshot: params: ");
+  for (std::size_t drone = 0; has_parameters() && drone < true_airframes.size(); ++drone) {
+    const float row = parameters_of(state, DroneIndex(drone)).airframe;
+    require(is_row(static_cast<std::int32_t>(row)), "snapshot: params: airframe", "rows of the table of airframes", row);
+  }
   for (std::size_t drone = 0; drone < true_airframes.size(); ++drone) {
     const DroneIndex d(drone);
     if (!has_parameters()) {

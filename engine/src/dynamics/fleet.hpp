@@ -67,7 +67,8 @@ struct Fleet {
   void part();  // gives each drone its own coefficients, before some are set
   // Takes over the parameters of a drone in the state.
   void apply_parameters(State& state, DroneIndex drone);
-  void restored(State& state);  // takes over those of all drones
+  // Takes over those of all drones from a snapshot. Throws std::invalid_argument if its numbers are not valid.
+  void restored(State& state);
   // Uses up the batteries in a control step that is about to be flown.
   void drain_batteries(State& state, std::span<const DroneIndex> drones) const;
   // Share of its commanded speed that each rotor is driven to at a tick of the episode, by the battery and if it lives.

@@ -36,8 +36,11 @@ class Delay {
  public:
   // latency, period: in ticks; 0 means after every step. Does nothing if readings cannot be older than a step.
   Delay(std::int64_t latency, std::int64_t period, const ClockConfig& clock, ArraySizes sizes)
-      : latency_(latency), dt_s_(clock.dt_s()), size_(std::max<std::size_t>(readings_under_way(latency, period, clock), 1)) {
-    if (latency == 0 && period == 0) return;
+      : is_none_(latency == 0 && period == 0),
+        latency_(latency),
+        dt_s_(clock.dt_s()),
+        size_(std::max<std::size_t>(readings_under_way(latency, period, clock), 1)) {
+    if (is_none_) return;
     taken_.resize(size_ * sizes.num_drones);
     count_.resize(sizes.num_drones);
     if (latency == 0) return;
@@ -48,7 +51,7 @@ class Delay {
     });
   }
 
-  bool is_none() const { return count_.empty(); }  // readings have no age
+  bool is_none() const { return is_none_; }  // readings have no age
   bool is_late() const { return latency_ > 0; }
   void forget(DroneIndex drone) {
     if (!is_none()) count_[drone] = 0;
@@ -108,6 +111,7 @@ class Delay {
     });
   }
 
+  bool is_none_;
   std::int64_t latency_;             // ticks
   double dt_s_;                      // s, length of a tick
   std::size_t size_;                 // readings in the ring of a drone
