@@ -143,7 +143,7 @@ presets: Mapping[str, Sequence[Variation]] = _Named("presets", _presets())
 
 #: Controllers by name. "gentle": gains by the rotors' lag. "px4": the defaults of PX4 1.15 (MC_ROLL_P 6.5, MC_YAW_P
 #: 2.8, MPC_XY_P 0.95, MPC_XY_VEL_P_ACC 1.8, MPC_XY_VEL_I_ACC 0.4; rates: 0.15 and 0.2 times what a unit of torque does
-#: to its X500). "betaflight": a rate loop as quick as Betaflight 4.6 has with default PIDs on a racer of 5 inches.
+#: to its X500). "betaflight": a quick rate loop for a racer of 5 inches, not yet fitted to the firmware.
 controllers: Mapping[str, ControllerConfig] = _Named(
     "controllers",
     {
