@@ -130,7 +130,7 @@ class Race final : public ConfiguredFlightTask<RaceConfig> {
       terms[kProgress] = static_cast<double>(config_.progress_weight) * progress;
       terms[kGate] = static_cast<double>(config_.gate_weight) * crossings.passed;
       terms[kRates] = -static_cast<double>(config_.rates_weight * angular_velocity_of(state, drone).norm());
-      terms[kChange] = -static_cast<double>(config_.change_weight * change(drone));
+      terms[kChange] = -static_cast<double>(config_.change_weight * change(block.context, drone));
       terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
       score.terminated[drone] = crashed || finished;
       score.left_area[drone] = is_far;

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "flockstep/airframe.hpp"
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 
@@ -23,7 +24,7 @@ struct DroneParameters {
   float payload_kg = 0.0F;
   float payload_below_m = 0.0F;
   float thrust_scale = 1.0F;
-  std::array<float, 4> rotor_thrust_scale{1.0F, 1.0F, 1.0F, 1.0F};
+  std::array<float, kMaxRotors> rotor_thrust_scale{1.0F, 1.0F, 1.0F, 1.0F, 1.0F, 1.0F, 1.0F, 1.0F};
   float torque_scale = 1.0F;
   float lag_up_scale = 1.0F;
   float lag_down_scale = 1.0F;
@@ -65,7 +66,8 @@ struct DroneParameters {
         field("payload_below_m", &C::payload_below_m,
               {.about = "Its distance below the centre of mass.", .unit = "m", .limits = between(0, 10)}),
         field("thrust_scale", &C::thrust_scale, {.about = "Factor of the thrust of all rotors at a speed.", .limits = kScale}),
-        field("rotor_thrust_scale", &C::rotor_thrust_scale, {.about = "The same for each rotor.", .limits = between(0, 20)}),
+        field("rotor_thrust_scale", &C::rotor_thrust_scale,
+              {.about = "The same for each rotor; of rotors that the drone lacks it has no effect.", .limits = between(0, 20)}),
         field("torque_scale", &C::torque_scale, {.about = "Factor of a rotor's torque over its thrust.", .limits = kScale}),
         field("lag_up_scale", &C::lag_up_scale, {.about = "Factor of the rotors' lag when they speed up.", .limits = kScale}),
         field("lag_down_scale", &C::lag_down_scale,
@@ -92,7 +94,7 @@ struct DroneParameters {
                .limits = between(0, 0.9)}),
         field("dead_rotor", &C::dead_rotor,
               {.about = "Number of the rotor that dies; fractions count as the number below.",
-               .limits = Limits{.least = 0, .greatest = 4, .excludes_greatest = true}}),
+               .limits = Limits{.least = 0, .greatest = kMaxRotors, .excludes_greatest = true}}),
         field("dead_from_s", &C::dead_from_s,
               {.about = "Time in the episode, rounded to control steps, from which it is dead.",
                .unit = "s",
