@@ -116,7 +116,7 @@ FLOCKSTEP_BIG_INLINE Forces<T> forces(const Physics& p, const Numbers& n, A at, 
     if (has_drag || has_lift) {
       const Wide3<T> hub{air.x + (w.y * z - w.z * y), air.y + (w.z * x - w.x * z), air.z + (w.x * y - w.y * x)};
       if (has_lift) push = push + at(n.lift) * (hub.x * hub.x + hub.y * hub.y);
-      if (kRotors > kMinRotors && has_lift) push = select(at(n.rotors[i].yaw_sign) == 0.0F, 0.0F, push);
+      if constexpr (kRotors > kMinRotors) push = select(at(n.rotors[i].yaw_sign) == 0.0F, 0.0F, push);
       if (has_drag) {
         const Wide3<T> drag{-(speed * (at(n.drag[0]) * hub.x)), -(speed * (at(n.drag[1]) * hub.y)),
                             -(speed * (at(n.drag[2]) * hub.z))};
@@ -363,7 +363,7 @@ HWY_INLINE void mix(const Physics& p, const Numbers& n, A at, const OdeState<T, 
       speed = select(at(n.lead) > 1.0F, leading, speed);
     }
     command[i] = max(min(speed, at(n.max_speed)), at(n.min_speed));
-    if (kRotors > kMinRotors) command[i] = select(at(n.rotors[i].yaw_sign) == 0.0F, 0.0F, command[i]);  // absent
+    if constexpr (kRotors > kMinRotors) command[i] = select(at(n.rotors[i].yaw_sign) == 0.0F, 0.0F, command[i]);  // absent
   }
 }
 

@@ -16,6 +16,8 @@
 
 namespace flockstep::task {
 
+inline constexpr std::size_t kActions = 4;
+
 using Four = Eigen::Array4f;  // a vector avoids branches: the signs of actions are unpredictable
 
 // Piecewise linear range of one action: low at -1, middle at 0, high at 1.
@@ -43,6 +45,9 @@ class ActionRanges {
   Four at(const Four& action) const { return middle_ + (action.min(0.0F) * down_ + action.max(0.0F) * up_); }
   // The same for one of several alike numbers: those of rotors.
   float at(float action) const { return at(Four(Four::Constant(action)))[0]; }
+  const Four& middle() const { return middle_; }  // at 0
+  const Four& down() const { return down_; }      // magnitude of the change to -1
+  const Four& up() const { return up_; }          // change to 1
   // Inverse of at(). Values beyond the range give actions beyond [-1, 1].
   Four action_for(const Four& value) const {
     const Four away = value - middle_;
@@ -133,6 +138,8 @@ class FlightAction {
   }
   // The command of one rotor. action: within [-1, 1].
   float rotor(float action) const { return ranges_.at(action); }
+  // Commands by action, of controls whose commands do not depend on the drone's state.
+  const ActionRanges& ranges() const { return ranges_; }
   // action: within [-1, 1].
   Four command(const Four& action, const State& state, DroneIndex drone) const {
     Four command = ranges_.at(action);

@@ -17,10 +17,10 @@
 #include "planning/navigable.hpp"
 #include "tasks/configured_task.hpp"
 #include "tasks/flight_action.hpp"
+#include "tasks/flight_gradient.hpp"
 
 namespace flockstep::task {
 
-inline constexpr std::size_t kActions = 4;    // numbers of an action that is not one for each rotor
 inline constexpr std::size_t kOwnFlight = 9;  // numbers of the own flight before the rotors' speeds
 inline constexpr float kSpinUnit = 10.0F;     // rad/s, unit of observed and scored angular velocities
 inline constexpr std::uint32_t kStartStream = 0;
@@ -182,6 +182,12 @@ class FlightTask : public Task {
     return rotor_[context.airframe_row(drone)].action_for(context.state().flight.rotor_speed[num_rotors_ * drone + rotor]);
   }
 
+  // The unit of a drone's observed rotor speeds: at hovering, and 1 over the range below and above it.
+  std::array<float, 3> rotor_unit(const TaskContext& context, DroneIndex drone) const {
+    const ActionRanges& range = rotor_[context.airframe_row(drone)];
+    return {range.middle()[0], 1.0F / range.down()[0], 1.0F / range.up()[0]};
+  }
+
   // The mean squared change of the action.
   float change(const TaskContext& context, DroneIndex drone) const {
     if (num_actions_ != kActions) {
@@ -202,6 +208,10 @@ class FlightTask : public Task {
 
   static std::size_t rotors_of(const TaskContext& context, DroneIndex drone) {
     return context.airframes()[context.airframe_row(drone)].num_rotors();
+  }
+
+  const FlightAction& action_of(const TaskContext& context, DroneIndex drone) const {
+    return action_[context.airframe_row(drone)];
   }
 
   double step_s() const { return step_s_; }
@@ -242,15 +252,28 @@ class FlightTask : public Task {
 
 template <class Config>
 class ConfiguredFlightTask : public ConfiguredTask<Config, FlightTask> {
- protected:
-  explicit ConfiguredFlightTask(const Config& config)
-      : ConfiguredTask<Config, FlightTask>(config, {.name = "action", .shape = {kActions}}) {}
-
  public:
   void setup(const TaskContext& context) override {
     FlightTask::setup(context);
     this->spec_.action.shape = {static_cast<std::int64_t>(this->num_actions())};
   }
+
+ protected:
+  explicit ConfiguredFlightTask(const Config& config)
+      : ConfiguredTask<Config, FlightTask>(config, {.name = "action", .shape = {kActions}}) {}
+};
+
+// The same for tasks whose loss has derivatives.
+template <class Config>
+class DifferentiableTask : public ConfiguredFlightTask<Config>, public FlightGradient {
+ public:
+  const ActionRanges& ranges_of(const TaskContext& context, DroneIndex drone) const override {
+    return this->action_of(context, drone).ranges();
+  }
+  std::span<const float> last_actions() const override { return this->action_now(); }
+
+ protected:
+  using ConfiguredFlightTask<Config>::ConfiguredFlightTask;
 };
 
 }  // namespace flockstep::task
