@@ -340,9 +340,9 @@ def test_wrong_input_is_refused():
         batch.set_velocity(None, None, [[0] * 6, [0, 0, 0, 0, 0, -1]])
     with refused(ValueError, "command (row 1)", "nan"):
         batch.fly([[500] * 6, [500, 500, 500, 500, 500, np.nan]])
-    with refused(ValueError, "dead_rotor", 6, 6.5):
+    with refused(ValueError, "variations", "dead_rotor", 6, 6.5):
         batch_of(frame("f550"), variations=vary(dead_rotor=6.5))
-    with refused(ValueError, "rotor_thrust_scale[6]", 6):
+    with refused(ValueError, "variations.parameter", "rotor_thrust_scale[6]", 6):
         batch_of(frame("f550"), variations=vary(**{"rotor_thrust_scale[6]": 0.9}))
     other = flockstep.Batch([OPEN], 2, drone=drone_of(frame("x500")), dynamics=batch.dynamics)
     with refused(ValueError, "snapshot"):
@@ -356,7 +356,7 @@ def test_files_scale_and_come_back(name):
     small = drone.scaled(size=0.5, mass=0.125)
     assert small.num_rotors == drone.num_rotors
     assert small.thrust_to_weight == pytest.approx(drone.thrust_to_weight)
-    weak = flockstep.DroneModel.from_dict({"flockstep_drone": 1, "like": name, "rotors": {"max_thrust_n": 9.0}})
-    assert weak.thrust_to_weight == pytest.approx(9.0 * drone.num_rotors / (drone.mass_kg * GRAVITY))
+    weak = flockstep.DroneModel.from_dict({"flockstep_drone": 1, "like": name, "rotors": {"max_thrust_n": 12.0}})
+    assert weak.thrust_to_weight == pytest.approx(12.0 * drone.num_rotors / (drone.mass_kg * GRAVITY))
     mesh = flockstep.DroneMesh.quadrotor(drone)
     assert len(mesh.triangles) > 100 * drone.num_rotors
