@@ -162,6 +162,17 @@ void Service::locked(Call& call, const protocol::Fly& fly) {
   write_time(call);
 }
 
+void Service::clear_command(std::size_t drone) {
+  has_command_[drone] = 0;
+  std::fill_n(commands_.begin() + static_cast<std::ptrdiff_t>(command_size() * drone), command_size(), 0.0F);
+}
+
+void Service::drop_absent_commands() {
+  for (std::size_t drone = 0; drone < has_command_.size(); ++drone) {
+    if (has_command_[drone] != 0 && batch_.state().active[drone] == 0) clear_command(drone);
+  }
+}
+
 void Service::locked(Call& call, const protocol::SetCommand& set) {
   if (batch_.config().dynamics.is_kinematic()) {
     throw Refusal(Code::kFailedPrecondition, "these drones do not fly by rotors: SetLocation and SetPoses move them");

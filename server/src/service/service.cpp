@@ -520,17 +520,6 @@ void Service::fit_rows() {
   has_command_.resize(drones, 0);
 }
 
-void Service::clear_command(std::size_t drone) {
-  has_command_[drone] = 0;
-  std::fill_n(commands_.begin() + static_cast<std::ptrdiff_t>(command_size() * drone), command_size(), 0.0F);
-}
-
-void Service::drop_absent_commands() {
-  for (std::size_t drone = 0; drone < has_command_.size(); ++drone) {
-    if (has_command_[drone] != 0 && batch_.state().active[drone] == 0) clear_command(drone);
-  }
-}
-
 std::span<const std::uint8_t> Service::only(std::size_t drone) {
   std::ranges::fill(mask_, std::uint8_t{0});
   mask_[drone] = 1;

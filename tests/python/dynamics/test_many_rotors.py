@@ -3,14 +3,18 @@
 import gymnasium
 import numpy as np
 import pytest
+from clients import served
+from conftest import placed
 from messages import refused
 from rigid_body import FULL, GRAVITY, MIDDLE, OPEN, Body, Start, batch_of, drone_of, frame, plain, rows_of
 from scipy.optimize import minimize
 
 import flockstep
+from flockstep.client import ServerError
 from flockstep.variations import vary
 
 NAMES = ["f550", "naki"]
+START = np.float32([[2, 4, 2], [2, 4.5, 2], [3, 2, 1], [6, 6, 3]])
 every_frame = pytest.mark.parametrize("name", NAMES)
 FIVE = {  # askew, with five rotors
     **{"position_m": [[0.1, 0.0, 0.01], [0.03, 0.1, 0], [-0.08, 0.06, 0], [-0.08, -0.06, 0.02], [0.03, -0.1, 0]]},
@@ -360,3 +364,35 @@ def test_files_scale_and_come_back(name):
     assert weak.thrust_to_weight == pytest.approx(12.0 * drone.num_rotors / (drone.mass_kg * GRAVITY))
     mesh = flockstep.DroneMesh.quadrotor(drone)
     assert len(mesh.triangles) > 100 * drone.num_rotors
+
+
+def test_flying_by_six_rotors(room, connect):
+    dynamics = flockstep.DynamicsConfig(motion="rotors", control="rotor_speeds")
+    batches = [placed([room], START, drone="f550", dynamics=dynamics) for _ in range(2)]
+    speeds = np.float32([[500, 520, 540, 560, 550, 530]] * 4)
+
+    def check():
+        np.testing.assert_array_equal(batches[0].position, batches[1].position)
+        np.testing.assert_array_equal(client.get_arrays(["rotor_speed"])["rotor_speed"], batches[1].rotor_speed)
+
+    with served(batches[0], connect) as client:
+        assert (client.info.control, client.info.num_rotors) == ("rotor_speeds", 6)
+        client.fly(speeds, ticks=50)
+        batches[1].fly(speeds, 50)
+        check()
+        client.set_command(speeds)
+        client.drone(2).set_command(speeds[0] + 10)
+        client.step()
+        speeds[2] += 10
+        batches[1].fly(speeds)
+        check()
+        level = np.float32([[1, 0, 0, 0]] * 4)
+        client.set_command(level, control="velocity")
+        client.step()
+        batches[1].fly(level, control="velocity")
+        check()
+        for bad in (speeds[:, :4], speeds[:2]):
+            with refused(ServerError, "command", (4, 6), bad.shape):
+                client.fly(bad)
+        with refused(ServerError, "command", (1, 6), (1, 4)):
+            client.drone(0).set_command(level[0], control="rotor_thrusts")

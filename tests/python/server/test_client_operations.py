@@ -400,38 +400,6 @@ def test_flying_by_rotors(room, connect):
         client.drone(0).set_location((2, 4, 2), teleport=True)
 
 
-def test_flying_by_six_rotors(room, connect):
-    dynamics = flockstep.DynamicsConfig(motion="rotors", control="rotor_speeds")
-    batches = [make(room, drone="f550", dynamics=dynamics) for _ in range(2)]
-    speeds = np.float32([[500, 520, 540, 560, 550, 530]] * 4)
-
-    def check():
-        np.testing.assert_array_equal(batches[0].position, batches[1].position)
-        np.testing.assert_array_equal(client.get_arrays(["rotor_speed"])["rotor_speed"], batches[1].rotor_speed)
-
-    with served(batches[0], connect) as client:
-        assert (client.info.control, client.info.num_rotors) == ("rotor_speeds", 6)
-        client.fly(speeds, ticks=50)
-        batches[1].fly(speeds, 50)
-        check()
-        client.set_command(speeds)
-        client.drone(2).set_command(speeds[0] + 10)
-        client.step()
-        speeds[2] += 10
-        batches[1].fly(speeds)
-        check()
-        level = np.float32([[1, 0, 0, 0]] * 4)
-        client.set_command(level, control="velocity")
-        client.step()
-        batches[1].fly(level, control="velocity")
-        check()
-        for bad in (speeds[:, :4], speeds[:2]):
-            with refused(ServerError, "command", (4, 6), bad.shape):
-                client.fly(bad)
-        with refused(ServerError, "command", (1, 6), (1, 4)):
-            client.drone(0).set_command(level[0], control="rotor_thrusts")
-
-
 def test_snapshots(client, batch):
     blob = client.snapshot()
     assert blob == batch.snapshot()
