@@ -58,9 +58,9 @@ struct EpisodeConfig {
                         "step returns it, and its own is the final observation. ``\"disabled\"``: the caller resets with a mask, "
                         "and a finished env waits."}),
         field("episodes", &C::episodes,
-              {.about = "Episodes of an env's drones, if each has a row. ``\"team\"``: begin and end together; if one ends, the "
-                        "others are truncated. ``\"each\"``: a drone begins its next one alone. ``\"last\"``: begin together; a "
-                        "drone that ends is inactive until all have ended."}),
+              {.about = "Episodes of an env's drones, if each is an agent. ``\"team\"``: all begin and end together. If one "
+                        "ends, the others are truncated. ``\"each\"``: a drone begins its next one by itself. ``\"last\"``: all "
+                        "begin together. A drone that ends is inactive until all have ended."}),
         field("max_episode_steps", &C::max_episode_steps,
               {.about = "Time limit in control steps, after which episodes are truncated. 0: no limit. None: the task's.",
                .limits = at_least(0)}),
@@ -92,8 +92,8 @@ struct ClockConfig {
             "policy_hz", &C::policy_hz,
             {.about = "Control steps, and decisions of the policy, per second.", .unit = "Hz", .limits = between(0.001, 100000)}),
         field("physics_hz", &C::physics_hz,
-              {.about = "Ticks per second, 1 to 1000 per control step. None: one per control step; for simulated rotors, which "
-                        "need at least 50 Hz, as many as give 500 Hz or more.",
+              {.about = "Ticks per second, 1 to 1000 per control step. Simulated rotors need at least 50 Hz. None: one per "
+                        "control step, for simulated rotors as many as give 500 Hz or more.",
                .unit = "Hz",
                .limits = above(0)}),
         field("controller_hz", &C::controller_hz,

@@ -120,13 +120,13 @@ struct CameraConfig {
         field("layout", &C::layout,
               {.about = "Shape of rgb, hsv and normal images. ``\"hwc\"``: (N, H, W, 3). ``\"chw\"``: (N, 3, H, W)."}),
         field("capture_mode", &C::capture_mode,
-              {.about = "``\"every_step\"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``\"on_movement\"``: "
-                        "there only if the drone's pose or world has changed. ``\"on_demand\"``: by `Batch.capture` alone, and a "
-                        "reset or a change of settings marks the frame as stale. In the other modes a reset renders too, and "
-                        "changed settings take effect at the next step or `Batch.sense`.",
+              {.about = "``\"every_step\"``: render after every step, or at ``rate_hz``, and in `Batch.sense`. "
+                        "``\"on_movement\"``: there, but only if the drone's pose or world has changed. ``\"on_demand\"``: only "
+                        "in `Batch.capture`. A reset or a change of settings marks the image as stale, while the other modes "
+                        "render at a reset, and use changed settings from the next step or `Batch.sense`.",
                .affects_hash = AffectsHash::no}),  // the mode is part of the snapshot
         field("samples_per_pixel", &C::samples_per_pixel,
-              {.about = "Samples per pixel, averaged, for colours only; other outputs are taken at the pixel's centre.",
+              {.about = "Samples per pixel, averaged, for colours only. Other outputs are taken at the pixel's centre.",
                .limits = one_of(1, 4, 9, 16)}),
         field("adaptive_samples", &C::adaptive_samples,
               {.about = "Take all samples only where colours differ, by more than 8 of 255 in a channel among 3 x 3 pixels, and "

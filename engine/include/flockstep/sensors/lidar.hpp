@@ -34,7 +34,7 @@ struct LidarConfig {
     return field_list(
         field("name", &C::name, {.about = "Name for `Batch.lidar`, unique among the LiDARs.", .form = Form::plain_name}),
         field("channels", &C::channels,
-              {.about = "Rows, from -vfov/2 to +vfov/2, both included; a single row has elevation 0.",
+              {.about = "Channels, from -vfov/2 to +vfov/2, both included. A single channel has elevation 0.",
                .limits = between(1, kMaxRays)}),
         field("beams", &C::beams,
               {.about = "Beams of a channel, counter-clockwise from -hfov/2 to +hfov/2, both included (at 360 without the end). "

@@ -40,7 +40,7 @@ struct HoverConfig {
             },
         .reward =
             {
-                {"near", "``near_weight`` exp(-2 d); d is the distance to the point, m"},
+                {"near", "``near_weight`` exp(-2 d), with d the distance to the point, m"},
                 {"hold", "``hold_weight`` / (1 + (d / (2 ``hold_m``))^2)"},
                 {"speed", "-``speed_weight`` times the speed, m/s"},
                 {"spin", "-``spin_weight`` times the magnitude of the angular velocity, in units of 10 rad/s"},

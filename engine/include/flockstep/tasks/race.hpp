@@ -40,7 +40,7 @@ struct RaceConfig {
             "Four numbers, clipped to [-1, 1]: thrust, from the least that the rotors give to ``max_thrust_to_weight`` times the "
             "weight, and body rates about x, y and z, up to the ``max_rate_dps`` and ``max_yaw_rate_dps`` of `DynamicsConfig`. 0 "
             "hovers.",
-        .observed = "All vectors are in the body frame; k is ``observation_scale``.",
+        .observed = "All vectors are in the body frame. k is ``observation_scale``.",
         .observation =
             {
                 {"6 for each of ``gates_ahead``",
