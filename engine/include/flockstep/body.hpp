@@ -145,13 +145,13 @@ struct BodyConfig {
               {.about = "Cylinders and capsules stand along z. Sensors detect the triangles of a ``\"mesh\"``, drones hit the "
                         "convex hull of each of its objects."}),
         field("size_m", &C::size_m,
-              {.about = "Sizes along x, y and z. For a cylinder or a capsule, x and y are the diameter. A capsule's z contains "
-                        "its caps, so it is at least the diameter. A sphere's sizes are equal. Not for a mesh.",
+              {.about = "Sizes along x, y and z. A cylinder or a capsule has equal x and y, and a capsule's z includes its caps. "
+                        "A sphere has equal sizes. Not for a mesh.",
                .unit = "m",
                .limits = between(1e-3, 1e5)}),
         field("mesh", &C::mesh,
               {.about = "World whose triangles, materials and textures make up the ``\"mesh\"``, in the body's frame. It must "
-                        "have no primitives and no bodies. Its markers and light are ignored."}),
+                        "have no primitives and no bodies."}),
         field("position_m", &C::position_m,
               {.about = "Position of the centre, or of a mesh's origin, when an episode begins, world frame.",
                .unit = "m",

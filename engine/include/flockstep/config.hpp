@@ -70,11 +70,11 @@ struct BatchConfig {
                .limits = between(0, kMaxDrones)}),
         field("interaction", &C::interaction,
               {.about = "How the drones of an env interact. ``\"none\"``: not at all. ``\"sense\"``: LiDARs detect the others' "
-                        "hulls, cameras see their meshes. ``\"collide\"``: they hit each other with their hulls. ``\"both\"``: "
-                        "both. Unless ``\"none\"``, an env has at most 4096 drones."}),
+                        "hulls, cameras see their meshes. ``\"collide\"``: their hulls collide. ``\"both\"``: both. Unless "
+                        "``\"none\"``, an env has at most 4096 drones."}),
         field("drone_mesh", &C::drone_mesh,
-              {.about = "World whose triangles, materials and textures show the drones to other drones' cameras, in the body "
-                        "frame, like the mesh of a `BodyConfig`. Needs ``interaction`` ``\"sense\"`` or ``\"both\"``. None: "
+              {.about = "World whose triangles show the drones to other drones' cameras, like the mesh of a `BodyConfig`. Needs "
+                        "``interaction`` ``\"sense\"`` or ``\"both\"``. None: "
                         "their hull, in grey."}),
         field("num_threads", &C::num_threads,
               {.about = "Number of threads. More than four per CPU give a warning. 0: the physical cores that this "
@@ -94,9 +94,8 @@ struct BatchConfig {
                         "raycast with a warning. ``\"auto\"``: raycast.",
                .affects_hash = AffectsHash::no}),
         field("tracer", &C::tracer,
-              {.about = "Method that traces rays against triangles. ``\"auto\"``: the fastest for each sensor. ``\"slices\"``: a "
-                        "slice of the world for every fan (LiDAR channel in a plane). ``\"tiles\"``: neighbouring rays together, "
-                        "and no slices. ``\"embree\"``: Embree for all, for comparison."}),
+              {.about = "Method that traces rays against triangles. ``\"auto\"``: the fastest for each sensor. ``\"slices\"``, "
+                        "``\"tiles\"``, ``\"embree\"``: for comparison."}),
         field("pose_sensor", &C::pose_sensor, {.about = "The pose sensor of each drone."}),
         field("imus", &C::imus, {.about = "The IMUs of each drone, with different names. They need simulated rotors."}),
         field("bodies", &C::bodies, {.about = "Bodies in every env at an episode's beginning, after those of its world."}),
@@ -114,11 +113,11 @@ struct BatchConfig {
               {.about = "What differs from drone to drone, and how it is drawn. Needs ``motion=\"rotors\"``. `flockstep.vary` "
                         "makes the list."}),
         field("airframes", &C::airframes,
-              {.about = "Drones whose airframes an episode draws from, instead of that of ``drone``: names, files, or "
+              {.about = "Drones from whose airframes each episode draws one, instead of the one of ``drone``: names, files, or "
                         "``\"random/seed-7\"``. Hull and sensors stay those of ``drone``."}),
         field("privileged", &C::privileged,
-              {.about = "Parameters of the drone at the end of a task's observation, current and minus their defaults: names of "
-                        "fields of `DroneParameters`, or of elements. They need ``variations``. Keep them from the policy by "
+              {.about = "Parameters of the drone, minus their defaults, at the end of a task's observation: names of fields of "
+                        "`DroneParameters`, or of elements. They need ``variations``. Keep them from the policy by "
                         "``critic_only`` of `flockstep.PPO`."}));
   }
 
