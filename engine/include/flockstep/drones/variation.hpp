@@ -80,10 +80,9 @@ struct DroneParameters {
               {.about = "Share of the charge used when an episode begins.", .limits = between(0, 1)}),
         field("battery_life_s", &C::battery_life_s,
               {.about = "Hovering time of a full battery.", .unit = "s", .limits = between(1, 1e6)}),
-        field(
-            "battery_fall", &C::battery_fall,
-            {.about = "Share of the rotors' speed lost when the battery is empty, before that in proportion to the used charge.",
-             .limits = between(0, 0.9)}),
+        field("battery_fall", &C::battery_fall,
+              {.about = "Share of the rotors' speed lost with an empty battery, in proportion to the used charge.",
+               .limits = between(0, 0.9)}),
         field(
             "battery_sag", &C::battery_sag,
             {.about = "Share of the rotors' speed lost at full power, by the battery's resistance.", .limits = between(0, 0.9)}),
@@ -95,7 +94,7 @@ struct DroneParameters {
                .unit = "s",
                .limits = between(0, 1e6)}),
         field("wind_mps", &C::wind_mps,
-              {.about = "Wind, added to the `WindConfig`, world frame.", .unit = "m/s", .limits = within(1000)}),
+              {.about = "Wind beside `WindConfig`, world frame.", .unit = "m/s", .limits = within(1000)}),
         field("push_mps2", &C::push_mps2,
               {.about = "External force over the airframe's mass, world frame.", .unit = "m/s^2", .limits = within(1000)}),
         field("twist_radps2", &C::twist_radps2,

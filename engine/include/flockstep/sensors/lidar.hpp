@@ -47,9 +47,8 @@ struct LidarConfig {
             {.about = "Maximum range. Beyond it is a miss: inf in metres, 1 when normalised.", .unit = "m", .limits = above(0)}),
         field("offset_m", &C::offset_m, kMountOffset), field("quat_wxyz", &C::quat_wxyz, kMountRotation),
         field("azimuth_deg", &C::azimuth_deg,
-              {.about = "Azimuths of a pattern, which replaces the grid. Leave "
-                        "``channels``, ``hfov_deg`` and ``vfov_deg`` at their defaults, and ``beams`` there or at the number of "
-                        "azimuths.",
+              {.about = "Azimuths of a pattern, which replaces the grid. Leave ``channels``, ``hfov_deg`` and ``vfov_deg`` at "
+                        "their defaults.",
                .unit = "deg",
                .limits = within(360)}),
         field("elevation_deg", &C::elevation_deg,

@@ -46,7 +46,7 @@ struct FormationConfig {
         .about =
             "The leader is a point that flies along a smooth route and touches nothing. Drone m has place m of "
             "`formation_places`, which turns with the leader's heading, and so do the drones. On a planned path the shape "
-            "narrows to a column where there is no room. Each drone has a row, so all drones fly by one policy.",
+            "narrows to a column where there is no room. Each drone is an agent, and all fly by one policy.",
         .start =
             "At the beginning of the route, each drone up to ``jitter_m`` from its place along x and y, more if that is not "
             "free.",

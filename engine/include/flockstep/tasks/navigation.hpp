@@ -83,9 +83,9 @@ struct NavigationConfig {
   static TaskWords words() {
     return {
         .about =
-            "The thesis's task: a drone with a LiDAR flies from the start marker over the waypoints to the goal. The camera "
-            "tasks observe the green of the goal in an image (``observation=\"blob\"``) or the image itself (``\"pixels\"``) "
-            "instead of the direction.",
+            "A drone with a LiDAR flies from the start marker over the waypoints to the goal. Instead of the direction, the "
+            "camera tasks observe the green of the goal in an image (``observation=\"blob\"``) or the image itself "
+            "(``\"pixels\"``).",
         .start = "At the world's start marker, or anywhere in its spawn box with ``random_start=True``.",
         .action = "``action`` chooses: one of six directions, one of three, or a displacement.",
         .observed =

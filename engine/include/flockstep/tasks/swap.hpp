@@ -17,7 +17,7 @@ struct SwapConfig {
   static TaskWords words() {
     return {
         .about =
-            "Each drone has a row, so all drones fly by one policy. 2 to 32 drones fit into the default world. The goal of drone "
+            "Each drone is an agent, and all fly by one policy. 2 to 32 drones fit into the default world. The goal of drone "
             "m of M is the place of drone (m + M // 2) % M. One drone alone flies to the opposite place. The drones move in the "
             "plane.",
         .start =
@@ -47,8 +47,8 @@ struct SwapConfig {
                 {"time", "-``time_weight`` in each step after which the drone is not at its goal"},
             },
         .end =
-            "The episode ends as a success for all drones when all are within ``goal_radius_m`` of their goals at once. It ends "
-            "when a drone touches another drone or the world: for this drone by a contact, for the others because of a teammate. "
+            "The episode ends as a success when all drones are within ``goal_radius_m`` of their goals at once. If a drone "
+            "touches another drone or the world, it ends by a contact, and the others because of a teammate. "
             "With ``episodes=\"last\"`` the others fly on, and succeed when all of them are at their goals.",
         .overlay = "goals",
     };

@@ -32,8 +32,8 @@ struct TrackConfig {
   static TaskWords words() {
     return {
         .about =
-            "The path is a figure-8 or random, around the world's goal marker, or around the centre of its bounds. It must stay "
-            "in the room, and a figure-8 must touch nothing, or the world raises an error. Use any airframe with rotors and any "
+            "The path is a figure-8 or random, around the world's goal marker or the centre of its bounds. A world raises an "
+            "error if the path leaves the room or a figure-8 touches something. Use any airframe with rotors and any "
             "``control`` except ``\"pose\"``. ``batch.task_state[\"phase\"]`` (N, 9) holds the drawn phases: three waves along "
             "x, then y, then z, in turns. A figure-8 uses only the first phase.",
         .start =
