@@ -188,7 +188,7 @@ def values_text(key: Key) -> str:
         "config": "objects as in [configs.md](configs.md#bodies)",
     }
     text = ("0 or " if key.get("or_zero") else "") + words[kind] + (f", {key['unit']}" if key["unit"] else "")
-    most = f", at most {key['most']:,}" if "most" in key else ""
+    most = f" (at most {key['most']:,})" if "most" in key else ""
     return {"one": "", "list": "list of ", "by_name": "by name: "}[key["count"]] + text + most
 
 
@@ -206,7 +206,7 @@ def default_text(key: Key, siblings: Sequence[Key]) -> str:
 def values_and_default(key: Key, default: str) -> str:
     """Describe the allowed values of a key, and its default."""
     said = default if default.startswith("required") or not default else f"default {default}"
-    return ", ".join(part for part in (values_text(key), said) if part)
+    return values_text(key) + (f" ({said})" if said else "")
 
 
 def tables_text(keys: Sequence[Key]) -> str:

@@ -33,8 +33,8 @@ class EnvKeywords(TypedDict, total=False):
         Number of drones in each env, M, which share a world. Without a task it may be 0.
     interaction
         How the drones of an env interact. ``"none"``: not at all. ``"sense"``: LiDARs detect the others' hulls, cameras
-        see their meshes. ``"collide"``: they hit each other with their hulls. ``"both"``: both. Unless ``"none"``, an
-        env has at most 4096 drones.
+        see their meshes. ``"collide"``: their hulls collide. ``"both"``: both. Unless ``"none"``, an env has at most
+        4096 drones.
     num_threads
         Number of threads. More than four per CPU give a warning. 0: the physical cores that this process may use. No
         result depends on it.
@@ -49,9 +49,8 @@ class EnvKeywords(TypedDict, total=False):
         threads. ``"gl"``: OpenGL 4.5 through EGL, without shadows and fog. If it is missing, raycast with a warning.
         ``"auto"``: raycast.
     tracer
-        Method that traces rays against triangles. ``"auto"``: the fastest for each sensor. ``"slices"``: a slice of the
-        world for every fan (LiDAR channel in a plane). ``"tiles"``: neighbouring rays together, and no slices.
-        ``"embree"``: Embree for all, for comparison.
+        Method that traces rays against triangles. ``"auto"``: the fastest for each sensor. ``"slices"``, ``"tiles"``,
+        ``"embree"``: for comparison.
     pose_sensor
         The pose sensor of each drone.
     imu
@@ -75,10 +74,10 @@ class EnvKeywords(TypedDict, total=False):
         What differs from drone to drone, and how it is drawn. Needs ``motion="rotors"``. `flockstep.vary` makes the
         list.
     airframes
-        Drones whose airframes an episode draws from, instead of that of ``drone``: names, files, or
+        Drones from whose airframes each episode draws one, instead of the one of ``drone``: names, files, or
         ``"random/seed-7"``. Hull and sensors stay those of ``drone``.
     privileged
-        Parameters of the drone at the end of a task's observation, current and minus their defaults: names of fields of
+        Parameters of the drone, minus their defaults, at the end of a task's observation: names of fields of
         `DroneParameters`, or of elements. They need ``variations``. Keep them from the policy by ``critic_only`` of
         `flockstep.PPO`.
 

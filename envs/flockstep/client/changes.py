@@ -43,8 +43,8 @@ class CameraChanges(TypedDict, total=False):
     Parameters
     ----------
     hfov_deg
-        Horizontal field of view. If only one of ``hfov_deg`` and ``vfov_deg`` is given, pixels are square, and the
-        other must also be below 179. If neither, ``hfov_deg`` is 90. Values: [0.1, 179] deg.
+        Horizontal field of view. If you give only one of ``hfov_deg`` and ``vfov_deg``, pixels are square. If
+        neither, ``hfov_deg`` is 90. Values: [0.1, 179] deg.
     vfov_deg
         Vertical field of view. Values: [0.1, 179] deg.
     offset_m
