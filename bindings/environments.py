@@ -151,7 +151,7 @@ class Environment:
         observation = [(re.sub(r', "\w+"', "", a), b) for a, b in words["observation"] if self.is_observed(a)]
         reward = table(("term", "value"), [(f"``{term}``", value) for term, value in words["reward"]])
         parts: list[tuple[str, str, list[str]]] = [
-            ("Action", action, []),
+            ("Action", action[0].upper() + action[1:], []),
             ("Observation", f"{self.observation}. {words['observed']}", table(("numbers", "meaning"), observation)),
             ("Reward", "The sum of these terms:", reward),
             ("", f"Weights: {defaults_text(weights)}." if weights else "", []),

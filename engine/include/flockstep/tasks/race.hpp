@@ -32,8 +32,8 @@ struct RaceConfig {
             "clean if it succeeds, or reaches its time limit after at least half a lap. ``batch.task_state`` holds ``target``, "
             "``passed`` and ``speed_cap``.",
         .start =
-            "With ``start=\"gate\"``, behind a random gate, at rest. With ``\"between\"``, half of the drones start so, the "
-            "others in the first nine tenths of the path to the next gate, at up to ``start_speed_mps`` along each axis. Offset, "
+            "With ``start=\"gate\"``, behind a random gate, at rest. With ``\"between\"``, half of the drones start there, the "
+            "others on the first nine tenths of the path to the next gate, at up to ``start_speed_mps`` along each axis. Offset, "
             "yaw, roll and pitch are drawn up to ``start_offset_m``, ``start_yaw_deg`` and ``start_tilt_deg``, at least 0.3 m "
             "behind the gate's plane. The next gate is the first to pass.",
         .action =

@@ -48,7 +48,7 @@ struct SwapConfig {
             },
         .end =
             "The episode ends as a success when all drones are within ``goal_radius_m`` of their goals at once. If a drone "
-            "touches another drone or the world, it ends by a contact, and the others because of a teammate. "
+            "touches another drone or the world, its episode ends by a contact, and the others end because of a teammate. "
             "With ``episodes=\"last\"`` the others fly on, and succeed when all of them are at their goals.",
         .overlay = "goals",
     };
