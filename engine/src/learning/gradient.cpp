@@ -75,7 +75,7 @@ struct Differentiated {
   }
 
   // Reads where it ended.
-  void end(GradientGroup& group, std::size_t t, const float* chosen, std::size_t rows, float weight) const {
+  void end(GradientGroup& group, std::size_t t, const float* chosen, std::size_t rows, float weight, float discount) const {
     task::GradientStep& step = group.steps[t];
     dynamics::StepGradient::read(sim.state, group.drones, step.after);
     const Outputs& outputs = sim.outputs.now();
@@ -85,7 +85,9 @@ struct Differentiated {
       const bool is_copy = lane > 0 && drone == group.drones[lane - 1];
       const bool flew = !is_copy && sim.episodes.flying[drone] != 0;
       step.weight[lane] = flew ? weight : 0.0F;
-      step.goes_on[lane] = flew && outputs.terminated[drone] == 0 && outputs.truncated[drone] == 0 ? 1.0F : 0.0F;
+      const bool goes_on = flew && outputs.terminated[drone] == 0 && outputs.truncated[drone] == 0;
+      step.goes_on[lane] = goes_on ? 1.0F : 0.0F;
+      step.discount[lane] = goes_on ? discount : 0.0F;
       for (std::size_t i = 0; i < kActions; ++i) {
         step.action[i][lane] = std::clamp(chosen[kActions * (drone + rows * t) + i], -1.0F, 1.0F);
       }
@@ -153,7 +155,9 @@ GradientReport Learner::learn_window(const GradientConfig& config, Batch& batch)
     }
     batch.step(pilot);
     pilot.require_finite_observations();
-    for (GradientGroup& group : window.groups) flight.end(group, t, window.chosen.data(), rows, static_cast<float>(weight));
+    for (GradientGroup& group : window.groups)
+      flight.end(group, t, window.chosen.data(), rows, static_cast<float>(weight),
+                 t + 1 < steps ? static_cast<float>(config.gamma) : 0.0F);
     const Outputs& after = batch.outputs();
     for (std::size_t row = 0; row < rows; ++row) {
       if (sim.episodes.flying[row] == 0 || (after.terminated[row] == 0 && after.truncated[row] == 0)) continue;

@@ -30,6 +30,7 @@ struct Step {
   const Flown<R>&before, &after;
   const R *action, *action_before;
   Constants c;
+  F discount;
   float step_s;
 };
 
@@ -110,6 +111,7 @@ struct TrackTerms {
 struct RaceTerms {
   static constexpr std::size_t kPassed = 3, kScale = 4, kLowest = 5, kLeft = 6, kUp = 9, kGates = 12;
   static constexpr float kOpening = 0.15F;  // m from the centre within which a crossing costs nothing
+  static constexpr float kWide = 3.0F;      // m beyond which it is no crossing of the gate
   static constexpr float kAhead = 0.25F;    // of a step: a crossing is seen before its contact
 
   static HWY_INLINE void observe(const Flown<R>& s, const R* action_before, const Constants& c, R* to) {
@@ -131,9 +133,9 @@ struct RaceTerms {
     const R after = dot(from_center + s.after.ode.velocity * R(kAhead * s.step_s), normal);
     const R left = dot(from_center, recorded(s.c.at(kLeft))), up = dot(from_center, recorded(s.c.at(kUp)));
     const R aside = max(length({left, up, 0.0F}, 1e-3F) - kOpening, 0.0F);
-    const auto crosses = (before < 0.0F) & (after >= 0.0F);
+    const auto crosses = (before < 0.0F) & (after >= 0.0F) & (aside < kWide);
     const R progress = select(s.c[kPassed] > 0.5F, R(0.0F), length(from_center, 0.01F)) -
-                       length(s.after.ode.travelled - recorded(s.c.at(0)), 0.01F) * 0.99F;
+                       length(s.after.ode.travelled - recorded(s.c.at(0)), 0.01F) * s.discount;
     const R low = max(s.c[kLowest] - s.after.ode.travelled.z, 0.0F);
     return progress + select(crosses, aside * aside * 100.0F, R(0.0F)) + low * low + spin(s) * 0.2F + change(s) * 0.01F;
   }
@@ -162,7 +164,8 @@ double step_of(const StepGradient& gradient, Control control, const GroupNumbers
       number = with_value(number, select(goes_on, load(step.after[i], lane), number.value));
     });
     const F weight = load(step.weight, lane);
-    const R loss = Task::loss({before, after, action, action_before, {step.constants, lane}, gradient.step_s()});
+    const R loss =
+        Task::loss({before, after, action, action_before, {step.constants, lane}, load(step.discount, lane), gradient.step_s()});
     tape.begin();
     tape.add_derivative(loss.id, weight);
     for_each_number(after, [&](R& number, std::size_t i)

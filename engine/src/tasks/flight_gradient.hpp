@@ -41,6 +41,7 @@ struct alignas(64) GradientStep {
   dynamics::FlownLanes after;                // as flown
   dynamics::Lane weight;                     // of the step's loss; 0 if the drone did not fly
   dynamics::Lane goes_on;                    // 1 if `after` is the state after this step; 0 if the episode ended in it
+  dynamics::Lane discount;                   // of the step that follows in the window; 0 if there is none
   dynamics::Lanes<4> action, action_before;  // within [-1, 1]
   AlignedVector<dynamics::Lane> constants;
 };
