@@ -165,6 +165,7 @@ struct GradientConfig {
   FLOCKSTEP_API void validate() const;
 };
 
+// Results of such an update.
 struct GradientReport {
   double loss = 0.0;
   double gradient_norm = 0.0;
@@ -175,12 +176,12 @@ struct GradientReport {
   // flockstep.APG logs each number of type double by its name.
   static constexpr auto fields() {
     using C = GradientReport;
-    return field_list(field("loss", &C::loss, {.about = "Mean loss of a step."}),
-                      field("gradient_norm", &C::gradient_norm, {.about = "Norm of the gradient before it was limited."}),
-                      field("episodes", &C::episodes, {.about = "Episodes that ended in the window."}),
-                      field("successes", &C::successes, {.about = "Successful ones."}),
-                      field("is_finite", &C::is_finite,
-                            {.about = "False if the gradient was not finite: the parameters are then as before."}));
+    return field_list(
+        field("loss", &C::loss, {.about = "Mean loss of a step."}),
+        field("gradient_norm", &C::gradient_norm, {.about = "Norm of the gradient before it was limited."}),
+        field("episodes", &C::episodes, {.about = "Episodes that ended in the window."}),
+        field("successes", &C::successes, {.about = "Successful ones."}),
+        field("is_finite", &C::is_finite, {.about = "False if the gradient was not finite: the parameters are then as before."}));
   }
 };
 
@@ -313,7 +314,7 @@ class FLOCKSTEP_API Learner {
   // order: indices t * R + r of the rollout in the order of the minibatches, for each epoch; empty: drawn.
   UpdateReport update(const UpdateConfig& config, std::span<const std::int64_t> order = {});
   // Flies a window of steps with the likeliest actions and learns from the derivatives of the task's loss through the flight. The
-  // task is Hover, Track or Race. Throws std::invalid_argument, naming it, for what has no derivative.
+  // task is a flight task of the engine that has such a loss. Throws std::invalid_argument that names what has no derivative.
   GradientReport learn_window(const GradientConfig& config, Batch& batch);
   // The gradient of the last window, in the order of the parameters, not limited.
   std::vector<float> window_gradient() const;

@@ -25,7 +25,7 @@ struct Constants {
   HWY_INLINE V3 at(std::size_t i) const { return {(*this)[i], (*this)[i + 1], (*this)[i + 2]}; }
 };
 
-// What a loss reads.
+// The arguments of a loss.
 struct Step {
   const Flown<R>&before, &after;
   const R *action, *action_before;
