@@ -256,7 +256,7 @@ class Learner:
             Indices t R + r of the steps {learner.hpp: in the order of ... each epoch}. None: drawn.
         """
     def learn_window(self, config: GradientConfig, batch: Batch) -> GradientReport:
-        """Fly a window of steps with the likeliest actions and learn from the derivatives of the task's loss."""
+        """Learn once from ``config.horizon`` steps of a batch, which it flies."""
 
     def window_gradient(self) -> _F32:
         """Return the gradient of the last window, not limited, in the order of the parameters."""

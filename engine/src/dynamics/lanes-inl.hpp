@@ -18,7 +18,7 @@ HWY_BEFORE_NAMESPACE();
 namespace flockstep::dynamics::HWY_NAMESPACE {
 using namespace flockstep::HWY_NAMESPACE;  // the wide type
 
-// What is templated is computed with numbers of type T: F, or numbers that keep derivatives.
+// Templates compute with numbers of type T: F, or numbers that keep derivatives.
 using F = WideUpTo<kLanes>;
 using V3 = Wide3<F>;
 

@@ -26,7 +26,7 @@ using FlownLanes = Lanes<kFlown>;
 // The drones of the lanes; drones beyond the last one are copies of it.
 using LaneDrones = std::array<DroneIndex, kLanes>;
 
-// What a step began with.
+// The start of a step.
 struct alignas(64) StepStart {
   FlownLanes flown;
   Lanes<3> wind, push, twist;
