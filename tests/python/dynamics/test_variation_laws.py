@@ -91,7 +91,10 @@ def test_misspelt_names_are_refused():
 
 def test_other_constants_act_from_the_next_episode():
     heavy = vary(mass_scale=1.3)
-    changed, made = (DroneVectorEnv(20, task=HoverConfig(), variations=laws) for laws in (vary(mass_scale=1.0), heavy))
+    changed, made = (
+        flockstep.DroneVectorEnv(20, task=flockstep.HoverConfig(), variations=laws)
+        for laws in (vary(mass_scale=1.0), heavy)
+    )
     changed.reset(seed=1)
     changed.batch.set_variations(heavy)
     for envs in (changed, made):
