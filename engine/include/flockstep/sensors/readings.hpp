@@ -35,7 +35,7 @@ struct PoseReadings {
                       array("sensed_age_s", &C::age_s,
                             {.unit = "s",
                              .writer = "pose sensor",
-                             .about = "age of the latest reading that has arrived; see `rate_hz` and `latency_s`"}));
+                             .about = "age of the latest reading that has arrived; see `rate_hz`, `latency_s`, `loss`"}));
   }
 };
 
@@ -58,7 +58,7 @@ struct LidarReadings {
         array("ranges_age_s", &C::age_s,
               {.unit = "s",
                .writer = "LiDAR",
-               .about = "age of the latest reading that has arrived; see `rate_hz` and `latency_s`"}));
+               .about = "age of the latest reading that has arrived; see `rate_hz`, `latency_s`, `loss`"}));
   }
 };
 
@@ -73,6 +73,7 @@ struct CameraImages {
   std::vector<std::uint8_t> grey;
   std::vector<std::uint8_t> hsv;
   std::vector<std::int64_t> frame_step;
+  std::vector<float> age_s;
 
   static constexpr auto fields() {
     using C = CameraImages;
@@ -109,7 +110,8 @@ struct CameraImages {
         array("frame_step", &C::frame_step,
               {.values = Values::last_count,
                .writer = kWriter,
-               .about = "number of the image's reading, 0 at the reset; -1: stale"}));
+               .about = "number of the image's reading, 0 at the reset; -1: stale"}),
+        array("frame_age_s", &C::age_s, {.unit = "s", .writer = kWriter, .about = "time since the image was taken"}));
   }
 };
 
