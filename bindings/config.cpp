@@ -450,6 +450,8 @@ void register_config(py::module_& module) {
   register_fields<RolloutConfig>(module, "RolloutConfig", "The steps that are collected for one update.");
   register_fields<UpdateConfig>(module, "UpdateConfig", "One update from a rollout.");
   register_results<UpdateReport>(module, "UpdateReport", "Means over the minibatches of an update.");
+  register_fields<GradientConfig>(module, "GradientConfig", "One update by the derivatives of the flight.");
+  register_results<GradientReport>(module, "GradientReport", "Results of an update by the derivatives of the flight.");
   register_fields<NavigationReward>(module, "NavigationReward");
   py::dict tasks;
   for_each_task([&]<class Config>(std::type_identity<Config>) {

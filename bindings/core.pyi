@@ -255,6 +255,12 @@ class Learner:
         order
             Indices t R + r of the steps {learner.hpp: in the order of ... each epoch}. None: drawn.
         """
+    def learn_window(self, config: GradientConfig, batch: Batch) -> GradientReport:
+        """Fly a window of steps with the likeliest actions and learn from the derivatives of the task's loss."""
+
+    def window_gradient(self) -> _F32:
+        """Return the gradient of the last window, not limited, in the order of the parameters."""
+
     def gradient(self, config: UpdateConfig, minibatch: npt.ArrayLike) -> _F32:
         """Return the gradient of the loss over some steps, given as indices t R + r, not limited."""
     @property

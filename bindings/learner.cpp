@@ -202,6 +202,15 @@ void register_learner(py::module_& module) {
             return observation;
           },
           py::arg("batch"))
+      .def(
+          "learn_window",
+          [](Learner& learner, const GradientConfig& config, Batch& batch) {
+            GradientReport report;
+            released(batch, [&] { report = learner.learn_window(config, batch); });
+            return report;
+          },
+          py::arg("config"), py::arg("batch"))
+      .def("window_gradient", [](const Learner& learner) { return array_of(learner.window_gradient()); })
       .def("update", &update, py::arg("config"), py::arg("order") = py::none())
       .def("gradient", &gradient, py::arg("config"), py::arg("minibatch"))
       .def_property_readonly("actions", [](const Learner& learner) {

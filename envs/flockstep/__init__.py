@@ -73,7 +73,7 @@ from flockstep.drone_mesh import DroneMesh
 from flockstep.env import DroneEnv
 from flockstep.evaluation import Evaluation, evaluate, success_rates
 from flockstep.headers import cmake_dir, include_dir
-from flockstep.learning import PPO
+from flockstep.learning import APG, PPO
 from flockstep.pictures.picture import render
 from flockstep.planning import plan
 from flockstep.recording import record
@@ -85,6 +85,7 @@ from flockstep.vector_env import DroneVectorEnv
 from flockstep.world_pool import WorldPool
 
 __all__ = [
+    "APG",
     "PPO",
     "Batch",
     "Bodies",

@@ -256,6 +256,16 @@ def add_parameters(cls: type, listed: type, before: str) -> None:
         cls.__doc__ = f"{head}\n{about}{found}{rest}"
 
 
+def add_fields(cls: type, config: type[Any], before: str) -> None:
+    """Add the fields of a configuration to a docstring, in front of a parameter, unless it describes them itself."""
+    if not cls.__doc__:  # with python -OO
+        return
+    doc = inspect.cleandoc(cls.__doc__)
+    head, found, rest = doc.partition(f"\n{before}\n    ")
+    about = [f"\n{f['name']}\n    {f['about']}" for f in config._fields if f"\n{f['name']}\n    " not in doc]  # type: ignore[attr-defined]
+    cls.__doc__ = head + "".join(about) + found + rest
+
+
 def with_keywords(signature: inspect.Signature, keywords: type[Any]) -> tuple[inspect.Signature, str]:
     """Return a signature with the keywords of a `TypedDict` in place of its last parameter, and their descriptions."""
     *own, _ = signature.parameters.values()

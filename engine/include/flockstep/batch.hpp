@@ -244,6 +244,7 @@ class FLOCKSTEP_API Batch {
 
  private:
   friend class BatchLock;
+  friend class Learner;
   friend class ServedBatch;
 
   void replace(std::shared_ptr<Simulation> next);

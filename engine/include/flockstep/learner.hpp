@@ -140,6 +140,50 @@ struct UpdateReport {
   }
 };
 
+// One update by the derivatives of the flight itself, along a window of steps.
+struct GradientConfig {
+  int horizon = 32;
+  double learning_rate = 1e-2;
+  double gamma = 0.99;
+  double max_grad_norm = 1.0;
+  int ticks = 1;
+
+  static constexpr auto fields() {
+    using C = GradientConfig;
+    return field_list(
+        field("horizon", &C::horizon,
+              {.about = "Steps of each row between two updates, through which the loss is differentiated.",
+               .limits = between(1, 10'000)}),
+        field("learning_rate", &C::learning_rate, {.about = "Step size of Adam.", .limits = at_least(0)}),
+        field("gamma", &C::gamma, {.about = "Discount factor of the loss per step of a window.", .limits = between(0, 1)}),
+        field("max_grad_norm", &C::max_grad_norm, {.about = "Greatest norm of the gradient.", .limits = above(0)}),
+        field("ticks", &C::ticks,
+              {.about = "Ticks per step of the equations that are differentiated. The flight itself has more and shorter ones.",
+               .limits = between(1, 1000)}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
+struct GradientReport {
+  double loss = 0.0;
+  double gradient_norm = 0.0;
+  std::int64_t episodes = 0;
+  std::int64_t successes = 0;
+  bool is_finite = true;
+
+  // flockstep.APG logs each number of type double by its name.
+  static constexpr auto fields() {
+    using C = GradientReport;
+    return field_list(field("loss", &C::loss, {.about = "Mean loss of a step."}),
+                      field("gradient_norm", &C::gradient_norm, {.about = "Norm of the gradient before it was limited."}),
+                      field("episodes", &C::episodes, {.about = "Episodes that ended in the window."}),
+                      field("successes", &C::successes, {.about = "Successful ones."}),
+                      field("is_finite", &C::is_finite,
+                            {.about = "False if the gradient was not finite: the parameters are then as before."}));
+  }
+};
+
 // Name, shape and place of a weight or bias among the parameters. Names are those of Stable-Baselines3's policies.
 struct ParameterInfo {
   std::string name;        // such as "action_net.weight"
@@ -268,6 +312,11 @@ class FLOCKSTEP_API Learner {
   // --- learning
   // order: indices t * R + r of the rollout in the order of the minibatches, for each epoch; empty: drawn.
   UpdateReport update(const UpdateConfig& config, std::span<const std::int64_t> order = {});
+  // Flies a window of steps with the likeliest actions and learns from the derivatives of the task's loss through the flight. The
+  // task is Hover, Track or Race. Throws std::invalid_argument, naming it, for what has no derivative.
+  GradientReport learn_window(const GradientConfig& config, Batch& batch);
+  // The gradient of the last window, in the order of the parameters, not limited.
+  std::vector<float> window_gradient() const;
   // Returns the gradient of the loss of one minibatch, not limited, in the order of the parameters.
   std::vector<float> gradient(const UpdateConfig& config, std::span<const std::int64_t> minibatch);
 

@@ -15,6 +15,7 @@
 #include "flockstep/batch.hpp"
 #include "flockstep/pilot.hpp"
 #include "learning/learner_parts.hpp"
+#include "learning/step_pilot.hpp"
 
 namespace flockstep {
 
@@ -155,102 +156,9 @@ void Learner::finish(std::span<const float> observation) {
   parts.is_finished = true;
 }
 
-namespace {
-
-// Appends a row of a field, as numbers.
-void append_row(const Buffer& field, std::size_t row, float*& to) {
-  with_type(field.type(), [&]<class T>(T) {
-    for (const T value : field.row<T>(row)) *to++ = static_cast<float>(value);
-  });
-}
-
-// Writes the fields of a row in the given order.
-void write_row(const std::vector<Buffer>& observation, const std::vector<std::size_t>& fields, std::size_t row, float* to) {
-  for (const std::size_t field : fields) append_row(observation[field], row, to);
-}
-
-// Returns the fields in the order of their names, which is that of Gymnasium's dict spaces.
-std::vector<std::size_t> by_name(const std::vector<Field>& fields) {
-  std::vector<std::size_t> order(fields.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return fields[a].name < fields[b].name; });
-  return order;
-}
-
-}  // namespace
-
-// Draws the actions of a step within a step of a batch.
-class Learner::Parts::StepPilot : public Pilot {
- public:
-  StepPilot(Parts& parts, std::size_t t, const TaskSpec& spec, const std::vector<std::size_t>& fields)
-      : parts_(parts), t_(t), fields_(fields), low_(spec.action.low), high_(spec.action.high) {}
-
-  void act(const PilotedRows& rows, Buffer& actions) override {
-    Pass& pass = parts_.passes[rows.thread];
-    std::vector<float> observation(parts_.observation_size), normalised;
-    for (std::size_t from = rows.first; from < rows.first + rows.count; from += Pass::kRows) {
-      const std::size_t count = std::min(Pass::kRows, rows.first + rows.count - from);
-      for (std::size_t i = 0; i < count; ++i) {
-        write_row(rows.observation, fields_, from + i, observation.data());
-        if (!are_finite(observation)) {
-          note_bad(from + i);
-          std::fill(observation.begin(), observation.end(), 0.0F);
-        }
-        parts_.write_inputs(observation, normalised, pass.inputs() + i * parts_.input_stride);
-      }
-      parts_.draw_actions(pass, t_, from, count);
-      for (std::size_t i = 0; i < count; ++i) write_action(from + i, actions);
-    }
-  }
-
-  // Throws NotFiniteError if an observation was not finite; its row then flew the action for zeros.
-  void require_finite_observations() const {
-    if (bad_row_ == kNoRow) return;
-    throw NotFiniteError("observation: expected finite numbers, got others in row " + std::to_string(bad_row_));
-  }
-
- private:
-  static constexpr std::size_t kNoRow = SIZE_MAX;
-
-  // Keeps the lowest row whose observation is not finite.
-  void note_bad(std::size_t row) {
-    std::size_t known = bad_row_.load();
-    while (row < known && !bad_row_.compare_exchange_weak(known, row)) {
-    }
-  }
-
-  void write_action(std::size_t row, Buffer& actions) const {
-    const std::size_t size = parts_.action_size();
-    const float* const drawn = parts_.rollout.actions.data() + (t_ * parts_.rollout.rows + row) * size;
-    with_type(actions.type(), [&]<class T>(T) {
-      if constexpr (std::is_floating_point_v<T>) {
-        limit(drawn, actions.row<T>(row));
-      } else {
-        actions.row<T>(row)[0] = static_cast<T>(low_[0] + static_cast<double>(*drawn));
-      }
-    });
-  }
-
-  // Writes an action, limited to the bounds. NaN becomes the lower bound; fly() refuses it after the step.
-  template <class T>
-  void limit(const float* drawn, std::span<T> action) const {
-    for (std::size_t i = 0; i < action.size(); ++i) {
-      const T low = static_cast<T>(low_[low_.size() == 1 ? 0 : i]), high = static_cast<T>(high_[high_.size() == 1 ? 0 : i]);
-      const T value = static_cast<T>(drawn[i]);
-      action[i] = value > low ? std::min(value, high) : low;
-    }
-  }
-
-  Parts& parts_;
-  std::size_t t_;
-  std::atomic<std::size_t> bad_row_{kNoRow};
-  const std::vector<std::size_t>& fields_;  // indices of the observation's fields, in the order of their names
-  const std::vector<double>&low_, &high_;   // bounds: one for an action, or one for each of its values
-};
-
 void Learner::read_observation(const Batch& batch, std::span<float> observation) const {
   const SingleCaller::Call call(parts_->callers);
-  parts_->require_fits(batch);
+  parts_->require_fits(batch, parts_->rollout.rows);
   require_size(observation.size(), parts_->rollout.rows * parts_->observation_size, "observation");
   const std::vector<std::size_t> fields = by_name(batch.spec().observation);
   for (std::size_t row = 0; row < parts_->rollout.rows; ++row) {
@@ -263,11 +171,11 @@ void Learner::fly(int t, Batch& batch, float reward_scale) {
   Parts& parts = *parts_;
   Rollout& rollout = parts.rollout;
   require(t == parts.next && t < rollout.config.n_steps, "t", "step " + std::to_string(parts.next), t);
-  parts.require_fits(batch);
+  parts.require_fits(batch, rollout.rows);
   require(std::isfinite(reward_scale), "reward_scale", "a finite number", reward_scale);
   const TaskSpec& spec = batch.spec();
   const std::vector<std::size_t> fields = by_name(spec.observation);
-  while (parts.passes.size() < static_cast<std::size_t>(batch.num_threads())) parts.passes.emplace_back(parts.network);
+  parts.make_passes(batch);
   if (rollout.config.normalize_observations) {
     std::vector<float> observation(rollout.rows * parts.observation_size);
     read_observation(batch, observation);
@@ -275,11 +183,13 @@ void Learner::fly(int t, Batch& batch, float reward_scale) {
     parts.take_observations(observation, batch.waiting());
   }
   ++parts.draws;
-  Parts::StepPilot pilot(parts, static_cast<std::size_t>(t), spec, fields);
+  const auto step = static_cast<std::size_t>(t);
+  Parts::StepPilot pilot(parts, rollout.actions.data() + step * rollout.rows * parts.action_size(), spec, fields,
+                         [&](Pass& pass, std::size_t from, std::size_t count) { parts.draw_actions(pass, step, from, count); });
   batch.step(pilot);
   pilot.require_finite_observations();
   const std::size_t size = rollout.rows * parts.action_size();
-  require_finite(std::span(rollout.actions).subspan(static_cast<std::size_t>(t) * size, size), parts.action_size(), "action");
+  require_finite(std::span(rollout.actions).subspan(step * size, size), parts.action_size(), "action");
   const Outputs& after = batch.outputs();
   // Rows that did not fly only begin an episode, or their drones rest.
   std::vector<std::uint8_t> skipped;
@@ -305,11 +215,15 @@ void Learner::fly(int t, Batch& batch, float reward_scale) {
              .skipped = skipped});
 }
 
-void Learner::Parts::require_fits(const Batch& batch) const {
+void Learner::Parts::make_passes(const Batch& batch) {
+  while (passes.size() < static_cast<std::size_t>(batch.num_threads())) passes.emplace_back(network);
+}
+
+void Learner::Parts::require_fits(const Batch& batch, std::size_t rows) const {
   require(batch.task() != nullptr, "batch", "a batch with a task", "one without");
   const TaskSpec& spec = batch.spec();
   const Outputs& outputs = batch.outputs();
-  require(outputs.reward.size() == rollout.rows, "batch", std::to_string(rollout.rows) + " rows", outputs.reward.size());
+  require(outputs.reward.size() == rows, "batch", std::to_string(rows) + " rows", outputs.reward.size());
   std::size_t size = 0;
   for (const Field& field : spec.observation) size += field.size();
   require(size == observation_size, "batch", "observations of " + std::to_string(observation_size) + " numbers", size);

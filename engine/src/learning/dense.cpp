@@ -180,7 +180,8 @@ void backward(const Layer& layer, const float* parameters, const float* dy, Afte
 
 void adam(const AdamStep& step, const float* gradient, std::size_t count, float* parameter, float* adam_m, float* adam_v) {
   const Floats scale = step.scale, step_size = step.step_size, root_of_bias_2 = step.root_of_bias_2;
-  const Floats one_minus_beta1 = 0.1F, beta2 = 0.999F, one_minus_beta2 = 0.001F, epsilon = 1e-5F;
+  const Floats one_minus_beta1 = 0.1F, beta2 = step.beta2, one_minus_beta2 = step.beta2 == 0.999F ? 0.001F : 1.0F - step.beta2,
+               epsilon = 1e-5F;
   for (std::size_t i = 0; i < count; i += kLanes) {
     const Floats g = Floats::load(gradient + i) * scale, old_m = Floats::load(adam_m + i);
     const Floats m = mul_add(one_minus_beta1, g - old_m, old_m);

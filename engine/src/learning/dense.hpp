@@ -42,6 +42,7 @@ struct AdamStep {
   float step_size;       // learning rate / (1 - beta1^t)
   float root_of_bias_2;  // sqrt(1 - beta2^t)
   float scale;           // factor that limits the norm of the gradient
+  float beta2 = 0.999F;
 };
 // adam_m, adam_v: running means of the gradient and of its square. count: a multiple of kPad.
 void adam(const AdamStep& step, const float* gradient, std::size_t count, float* parameter, float* adam_m, float* adam_v);

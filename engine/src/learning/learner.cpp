@@ -13,6 +13,7 @@
 #include "base/finite.hpp"
 #include "base/platform.hpp"
 #include "base/require.hpp"
+#include "learning/gradient_window.hpp"
 #include "learning/learner_parts.hpp"
 #include "learning/network.hpp"
 
@@ -121,6 +122,8 @@ Learner::Parts::Parts(NetworkConfig new_config, int num_threads, std::uint64_t n
   network.initialise(seed, parameters);
   prepare();
 }
+
+Learner::Parts::~Parts() = default;
 
 void Learner::Parts::prepare() {
   network.transpose_all(parameters, transposed);

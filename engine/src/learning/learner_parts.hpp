@@ -6,6 +6,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -63,6 +64,8 @@ class SingleCaller {
 namespace flockstep {
 namespace learning {
 
+struct GradientWindow;
+
 constexpr float kClip = 10.0F;         // largest magnitude that normalised observations and rewards keep
 constexpr double kMinVariance = 1e-8;  // added to their variances
 
@@ -94,6 +97,7 @@ struct Learner::Parts {
   using Pass = learning::Pass;
 
   Parts(NetworkConfig new_config, int num_threads, std::uint64_t new_seed);
+  ~Parts();
 
   // Returns *this. Throws if another thread is in a call.
   const Parts& idle() const {
@@ -128,8 +132,9 @@ struct Learner::Parts {
 
   // Draws the actions of rows of step t, whose inputs are those of the pass, and keeps what the update needs.
   void draw_actions(Pass& pass, std::size_t t, std::size_t from, std::size_t count);
-  // Throws if fly() cannot step the batch.
-  void require_fits(const Batch& batch) const;
+  // Throws if fly() cannot step the batch, of this number of rows.
+  void require_fits(const Batch& batch, std::size_t rows) const;
+  void make_passes(const Batch& batch);  // one for each of its threads, too
   class StepPilot;
 
   // Draws the minibatches of an epoch: all steps that count, in random order.
@@ -157,8 +162,9 @@ struct Learner::Parts {
   std::vector<AlignedVector<float>> gradients;         // one per chunk of the minibatch
   double advantage_mean = 0.0, advantage_scale = 1.0;  // normalise the minibatch's advantages
   Workers workers;
-  std::vector<Pass> passes;                // one per thread
-  mutable learning::SingleCaller callers;  // held during each call
+  std::vector<Pass> passes;                          // one per thread
+  std::unique_ptr<learning::GradientWindow> window;  // null until the first window
+  mutable learning::SingleCaller callers;            // held during each call
 };
 
 }  // namespace flockstep

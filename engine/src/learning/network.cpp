@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/random.hpp"
+#include "base/require.hpp"
 
 namespace flockstep::learning {
 namespace {
@@ -83,6 +84,20 @@ std::vector<Layer> layers_of(std::size_t in, const std::vector<int>& hidden, std
 void write_inputs(Features features, const float* observation, std::size_t actor_size, std::size_t size, float* inputs) {
   write_features(features, observation, actor_size, inputs);
   std::copy_n(observation + actor_size, size - actor_size, inputs + input_size(features, actor_size));
+}
+
+void pull_back_inputs(Features features, const float* observation, const float* d_inputs, std::size_t size,
+                      float* d_observation) {
+  require(features == Features::flat || features == Features::point, "features", "\"flat\" or \"point\", which have derivatives",
+          "others");
+  if (features == Features::flat) return void(std::copy_n(d_inputs, size, d_observation));
+  std::copy_n(d_inputs + kDirection, size, d_observation);
+  // Of observation / (length + kNearPoint).
+  const float x = observation[0], y = observation[1], z = observation[2];
+  const float length = std::sqrt(x * x + y * y + z * z), scale = 1.0F / (length + kNearPoint);
+  const float along = x * d_inputs[0] + y * d_inputs[1] + z * d_inputs[2];
+  const float turn = length > 0.0F ? along * scale * scale / length : 0.0F;
+  for (std::size_t i = 0; i < kDirection; ++i) d_observation[i] += d_inputs[i] * scale - turn * observation[i];
 }
 
 Network::Network(const NetworkConfig& config) {

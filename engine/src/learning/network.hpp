@@ -18,6 +18,10 @@ std::size_t input_size(Features features, std::size_t observation_size);
 // Writes the inputs of one observation. Its first `actor_size` numbers become features, the other ones stay as they are.
 void write_inputs(Features features, const float* observation, std::size_t actor_size, std::size_t size, float* inputs);
 
+// Derivatives by the first `size` numbers of an observation, from those by its inputs. Throws std::invalid_argument for features
+// without derivatives.
+void pull_back_inputs(Features features, const float* observation, const float* d_inputs, std::size_t size, float* d_observation);
+
 // The layers of actor and critic. The last layer gives the means or logits, or the value.
 struct Network {
   explicit Network(const NetworkConfig& config);
@@ -68,8 +72,12 @@ class Pass {
   float* actor_gradients() { return actor_.back().gradients.data(); }
   float* critic_gradients() { return critic_.back().gradients.data(); }
   // Add the gradient by the parameters, after the forward pass of the same rows.
-  void backward_actor(const float* parameters, std::size_t rows, float* gradient) {
+  // d_inputs: if not null, receives the derivatives by the inputs, (rows, padded inputs of the actor).
+  void backward_actor(const float* parameters, std::size_t rows, float* gradient, float* d_inputs = nullptr) {
     backward(network_.actor, actor_inputs(), actor_, parameters, rows, gradient);
+    if (d_inputs == nullptr) return;
+    learning::backward(network_.actor.front(), parameters, actor_.front().gradients.data(), After::nothing, actor_inputs(), rows,
+                       d_inputs);
   }
   void backward_critic(const float* parameters, std::size_t rows, float* gradient) {
     backward(network_.critic, inputs_.data(), critic_, parameters, rows, gradient);

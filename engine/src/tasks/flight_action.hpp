@@ -15,6 +15,8 @@
 
 namespace flockstep::task {
 
+inline constexpr std::size_t kActions = 4;
+
 using Four = Eigen::Array4f;  // a vector avoids branches: the signs of actions are unpredictable
 
 // Piecewise linear range of one action: low at -1, middle at 0, high at 1.
@@ -40,6 +42,9 @@ class ActionRanges {
 
   // Returns the values for an action within [-1, 1].
   Four at(const Four& action) const { return middle_ + (action.min(0.0F) * down_ + action.max(0.0F) * up_); }
+  const Four& middle() const { return middle_; }  // at 0
+  const Four& down() const { return down_; }      // magnitude of the change to -1
+  const Four& up() const { return up_; }          // change to 1
   // Inverse of at(). Values beyond the range give actions beyond [-1, 1].
   Four action_for(const Four& value) const {
     const Four away = value - middle_;
@@ -119,6 +124,8 @@ class FlightAction {
     }
   }
 
+  // Commands by action, of controls whose commands do not depend on the drone's state.
+  const ActionRanges& ranges() const { return ranges_; }
   // action: within [-1, 1].
   Four command(const Four& action, const State& state, DroneIndex drone) const {
     Four command = ranges_.at(action);

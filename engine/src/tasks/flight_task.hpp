@@ -17,10 +17,10 @@
 #include "planning/navigable.hpp"
 #include "tasks/configured_task.hpp"
 #include "tasks/flight_action.hpp"
+#include "tasks/flight_gradient.hpp"
 
 namespace flockstep::task {
 
-inline constexpr std::size_t kActions = 4;
 inline constexpr std::size_t kOwnFlight = 13;
 inline constexpr float kSpinUnit = 10.0F;  // rad/s, unit of observed and scored angular velocities
 inline constexpr std::uint32_t kStartStream = 0;
@@ -172,6 +172,12 @@ class FlightTask : public Task {
     Eigen::Map<Four>(row.data() + 9) = range.action_for(Four(state.flight.rotor_speed.data() + kRotors * drone));
   }
 
+  // The unit of a drone's observed rotor speeds: at hovering, and 1 over the range below and above it.
+  std::array<float, 3> rotor_unit(const TaskContext& context, DroneIndex drone) const {
+    const ActionRanges& range = rotor_[context.airframe_row(drone)];
+    return {range.middle()[0], 1.0F / range.down()[0], 1.0F / range.up()[0]};
+  }
+
   // The mean squared change of the action.
   float change(DroneIndex drone) const {
     const Four change = Four(action_now_.data() + kActions * drone) - Four(action_before_.data() + kActions * drone);
@@ -182,6 +188,9 @@ class FlightTask : public Task {
     return static_cast<double>(angular_velocity_of(state, drone).norm() / kSpinUnit);
   }
 
+  const FlightAction& action_of(const TaskContext& context, DroneIndex drone) const {
+    return action_[context.airframe_row(drone)];
+  }
   double step_s() const { return step_s_; }
   const std::vector<float>& action_now() const { return action_now_; }
   const std::vector<float>& action_before() const { return action_before_; }
@@ -203,6 +212,19 @@ class ConfiguredFlightTask : public ConfiguredTask<Config, FlightTask> {
  protected:
   explicit ConfiguredFlightTask(const Config& config)
       : ConfiguredTask<Config, FlightTask>(config, {.name = "action", .shape = {kActions}}) {}
+};
+
+// The same for tasks whose loss has derivatives.
+template <class Config>
+class DifferentiableTask : public ConfiguredFlightTask<Config>, public FlightGradient {
+ public:
+  const ActionRanges& ranges_of(const TaskContext& context, DroneIndex drone) const override {
+    return this->action_of(context, drone).ranges();
+  }
+  std::span<const float> last_actions() const override { return this->action_now(); }
+
+ protected:
+  using ConfiguredFlightTask<Config>::ConfiguredFlightTask;
 };
 
 }  // namespace flockstep::task

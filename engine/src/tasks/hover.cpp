@@ -19,9 +19,9 @@ namespace flockstep {
 namespace task {
 namespace {
 
-class Hover final : public ConfiguredFlightTask<HoverConfig> {
+class Hover final : public DifferentiableTask<HoverConfig> {
  public:
-  explicit Hover(const HoverConfig& config) : ConfiguredFlightTask(config) {
+  explicit Hover(const HoverConfig& config) : DifferentiableTask(config) {
     static_assert(kHoverNumbers == 3 + kOwnFlight);
     spec_.observation = {flight_field(kHoverNumbers)};
   }
@@ -136,6 +136,15 @@ class Hover final : public ConfiguredFlightTask<HoverConfig> {
       }
     });
   }
+
+  Terms terms() const override { return Terms::hover; }
+  std::size_t num_constants() const override { return 6; }
+  void write_constants(const TaskContext& context, DroneIndex drone, float* to) override {
+    const Vec3 target = target_of(context, drone);
+    to = std::copy_n(target.data(), 3, to);
+    std::ranges::copy(units_[context.airframe_row(drone)], to);
+  }
+  void write_results(const TaskContext&, DroneIndex, float*) override {}
 
   void visit(ArrayVisitor& visitor) override {
     FlightTask::visit(visitor);

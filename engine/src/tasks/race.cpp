@@ -25,10 +25,10 @@ namespace {
 
 constexpr float kRadians = std::numbers::pi_v<float> / 180.0F;
 
-class Race final : public ConfiguredFlightTask<RaceConfig> {
+class Race final : public DifferentiableTask<RaceConfig> {
  public:
   explicit Race(const RaceConfig& config)
-      : ConfiguredFlightTask(config), gates_ahead_(static_cast<std::size_t>(config.gates_ahead)) {
+      : DifferentiableTask(config), gates_ahead_(static_cast<std::size_t>(config.gates_ahead)) {
     max_thrust_to_weight_ = static_cast<double>(config.max_thrust_to_weight);
     spec_.observation = {flight_field(kPerGate * gates_ahead_ + kOwn)};
     spec_.records_path = true;
@@ -161,6 +161,30 @@ class Race final : public ConfiguredFlightTask<RaceConfig> {
     }
   }
 
+  Terms terms() const override { return Terms::race; }
+  std::size_t num_constants() const override { return 12 + kPerGate * gates_ahead_; }
+  void write_constants(const TaskContext& context, DroneIndex drone, float* to) override {
+    const World& world = context.world_of(context.env_of(drone));
+    const std::span<const Gate> gates = world.gates();
+    std::size_t index = static_cast<std::size_t>(target_[drone]) % gates.size();
+    const Mat3 axes = gates[index].rotation.toRotationMatrix();
+    to[4] = config_.observation_scale;
+    to[5] = world.bounds().min.z() + kLow;
+    Eigen::Map<Vec3>(to + 6) = axes.col(1);
+    Eigen::Map<Vec3>(to + 9) = axes.col(2);
+    for (std::size_t i = 0; i < gates_ahead_; ++i) {
+      Eigen::Map<Vec3>(to + 12 + kPerGate * i) = gates[index].center;
+      Eigen::Map<Vec3>(to + 15 + kPerGate * i) = normal_of(gates[index]);
+      if (++index == gates.size()) index = 0;
+    }
+  }
+  void write_results(const TaskContext& context, DroneIndex drone, float* to) override {
+    const std::span<const Gate> gates = context.world_of(context.env_of(drone)).gates();
+    const Vec3 center = target_of(gates, drone).center;
+    to[3] = center == Vec3(Eigen::Map<const Vec3>(to + 12)) ? 0.0F : 1.0F;
+    Eigen::Map<Vec3>(to + 0) = center;
+  }
+
   void visit(ArrayVisitor& visitor) override {
     FlightTask::visit(visitor);
     visitor.array("target", target_);
@@ -195,6 +219,7 @@ class Race final : public ConfiguredFlightTask<RaceConfig> {
   static constexpr std::uint32_t kDraws = 10;
   static constexpr std::uint32_t kTries = 64;  // random starts to try before starting right behind a gate
   static constexpr float kWayShare = 0.9F;     // share of the way to the next gate on which drones start
+  static constexpr float kLow = 0.7F;          // m above the floor, below which the loss rises
   static constexpr float kBehind = 0.3F;       // m, least distance behind the plane of the last gate
   static constexpr float kBefore = 0.8F;       // m, before the next gate
 

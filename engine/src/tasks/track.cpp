@@ -102,9 +102,9 @@ class Trajectory {
   std::array<double, kPhases> hz_{};
 };
 
-class Track final : public ConfiguredFlightTask<TrackConfig> {
+class Track final : public DifferentiableTask<TrackConfig> {
  public:
-  explicit Track(const TrackConfig& config) : ConfiguredFlightTask(config), path_(config) {
+  explicit Track(const TrackConfig& config) : DifferentiableTask(config), path_(config) {
     ahead_ = path_.waves_at(static_cast<double>(config.ahead_s), std::array<float, kPhases>{}.data());
     spec_.observation = {flight_field(3 * static_cast<std::size_t>(config.points) + kOwnFlight + 2)};
   }
@@ -208,6 +208,29 @@ class Track final : public ConfiguredFlightTask<TrackConfig> {
       row[3 * points + kOwnFlight + 1] = std::cos(missing);
     }
   }
+
+  Terms terms() const override { return Terms::track; }
+  std::size_t num_constants() const override { return 13 + 3 * static_cast<std::size_t>(config_.points); }
+  void write_constants(const TaskContext& context, DroneIndex drone, float* to) override {
+    const Vec3 middle = target_of(context, drone);
+    Trajectory::Waves waves = waves_of(context.episodes(), drone);
+    const float now = yaw_at(waves);
+    to[8] = std::sin(now);
+    to[9] = std::cos(now);
+    std::ranges::copy(rotor_unit(context, drone), to + 10);
+    for (std::size_t i = 0; i < static_cast<std::size_t>(config_.points); ++i) {
+      if (i > 0) path_.turn(waves, ahead_);
+      Eigen::Map<Vec3>(to + 13 + 3 * i) = middle + path_.position(waves);
+    }
+    const double after_s = static_cast<double>(context.episodes().steps[drone] + 1) * step_s();
+    waves = path_.waves_at(after_s, phase_.data() + kPhases * drone);
+    const float after = yaw_at(waves);
+    Eigen::Map<Vec3>(to + 0) = middle + path_.position(waves);
+    Eigen::Map<Vec3>(to + 3) = path_.velocity(waves);
+    to[6] = std::sin(after);
+    to[7] = std::cos(after);
+  }
+  void write_results(const TaskContext&, DroneIndex, float*) override {}
 
   void visit(ArrayVisitor& visitor) override {
     FlightTask::visit(visitor);

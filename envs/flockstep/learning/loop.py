@@ -23,7 +23,7 @@ def collect(model: PPO, callbacks: Callbacks, bar: Any) -> bool:
     learner.begin(model._config(RolloutConfig), source.rows)
     callbacks.start_rollout()
     for t in range(model.n_steps):
-        with _naming_step(model.num_timesteps + source.rows):
+        with naming_step(model.num_timesteps + source.rows):
             stepped = source.step(learner, t, callbacks.need_infos)
         model.num_timesteps += source.rows
         for episode in stepped.episodes:
@@ -34,7 +34,7 @@ def collect(model: PPO, callbacks: Callbacks, bar: Any) -> bool:
             bar.update(source.rows)
         if not callbacks.step(stepped):
             return False
-    with _naming_step(model.num_timesteps):
+    with naming_step(model.num_timesteps):
         learner.finish(source.observation(learner))
     callbacks.end_rollout()
     return True
@@ -77,7 +77,7 @@ def log_progress(model: PPO, iteration: int, seconds: float, steps: int) -> None
 
 
 @contextmanager
-def _naming_step(step: int) -> Iterator[None]:
+def naming_step(step: int) -> Iterator[None]:
     """Name the step in errors about numbers that are not finite."""
     try:
         yield

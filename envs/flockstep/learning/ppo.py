@@ -194,7 +194,7 @@ class PPO(Arguments):
     def logger(self) -> Any:
         """The log of the current training, with ``record(key, value)`` and ``dump(step)``."""
         if self._log is None:
-            self._log = Log(self.verbose, None, "PPO")
+            self._log = Log(self.verbose, None, type(self).__name__)
         return self._log
 
     def set_logger(self, logger: Any) -> None:
@@ -308,19 +308,27 @@ class PPO(Arguments):
         iteration = 0
         try:
             while self.num_timesteps < self._total_timesteps:
-                if not loop.collect(self, callbacks, bar):
+                if not self._collect(callbacks, bar):
                     break
                 iteration += 1
                 self._current_progress_remaining = max(0.0, 1.0 - self.num_timesteps / self._total_timesteps)
                 if log_interval is not None and iteration % log_interval == 0:
                     loop.log_progress(self, iteration, time.perf_counter() - begun, self.num_timesteps - begun_at)
-                loop.train(self)
+                self._train()
         finally:
             if bar is not None:
                 bar.close()
         self._start = "go on"  # unless a callback sets another environment
         callbacks.end()
         return self
+
+    def _collect(self, callbacks: Callbacks, bar: Any) -> bool:
+        """Collect a rollout; return False if a callback stops the training."""
+        return loop.collect(self, callbacks, bar)
+
+    def _train(self) -> None:
+        """Learn from the rollout."""
+        loop.train(self)
 
     def _config(self, kind: type[_Config], remaining: float | None = None) -> _Config:
         """Return the hyperparameters of a configuration; ``remaining`` sets the values of functions."""
