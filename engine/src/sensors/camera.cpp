@@ -104,7 +104,6 @@ Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t
       rendered_pixels_(area(config.width_px, config.height_px)),
       settings_(config, num_drones, false, &render::make_pinhole_camera),
       mounting_(num_drones, matrix_of(config.quat_wxyz)),
-      dt_s_(clock.dt_s()),
       delay_(config, label(), 0, clock, drones_per_env, num_drones) {  // frames are taken after steps, whatever the rate
   flockstep::allocate(taken_, {.num_drones = num_drones});
   allocate_images(images_, config.outputs, num_drones, pixels_);
@@ -187,8 +186,7 @@ std::optional<render::RenderRequest> Camera::take(DroneIndex drone, const World&
 void Camera::publish(DroneIndex drone, const State& state) {
   const std::int64_t tick = state.tick[drone / drones_per_env_];
   if (!is_late()) {
-    if (images_.frame_step[drone] >= 0)
-      images_.age_s[drone] = static_cast<float>(static_cast<double>(tick - taken_.tick[drone]) * dt_s_);
+    if (images_.frame_step[drone] >= 0) images_.age_s[drone] = delay_.seconds(tick - taken_.tick[drone]);
     return;
   }
   const std::optional<std::size_t> row = delay_.arrived(drone, tick);

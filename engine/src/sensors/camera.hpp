@@ -137,7 +137,6 @@ class Camera final : public Sensor {
   Taken taken_;
   std::vector<CaptureMode> mode_;  // (1,) mode in the last snapshot, until restored()
   CameraImages images_;
-  double dt_s_;  // s, length of a tick
   Delay delay_;
   Rings<CameraImages> rings_;
   std::optional<imaging::Resample> resample_;

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <tuple>
@@ -94,9 +95,8 @@ class Delay {
     while (i > oldest && arrival_[place(drone, i)] > tick) --i;
     return place(drone, i);
   }
-  float age_s(std::size_t row, std::int64_t tick) const {
-    return static_cast<float>(static_cast<double>(tick - taken_[row]) * clock_.dt_s());
-  }
+  float age_s(std::size_t row, std::int64_t tick) const { return seconds(tick - taken_[row]); }
+  float seconds(std::int64_t ticks) const { return static_cast<float>(static_cast<double>(ticks) * clock_.dt_s()); }
   // Row of the drone's last reading that was not lost.
   std::size_t newest(DroneIndex drone) const { return place(drone, std::max<std::int64_t>(count_[drone] - 1, 0)); }
 
