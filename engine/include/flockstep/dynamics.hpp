@@ -79,8 +79,8 @@ struct DynamicsConfig {
     using C = DynamicsConfig;
     return field_list(
         field("motion", &C::motion,
-              {.about = "``\"kinematic\"``: straight to the setpoint. ``\"rotors\"``: by simulated forces; needs an airframe."}),
-        field("control", &C::control, {.about = "Meaning of commands; kinematic motion takes only ``\"pose\"``."}),
+              {.about = "``\"kinematic\"``: straight to the setpoint. ``\"rotors\"``: by simulated forces, with an airframe."}),
+        field("control", &C::control, {.about = "Meaning of commands. Kinematic motion supports only ``\"pose\"``."}),
         field("integrator", &C::integrator,
               {.about = "``\"midpoint\"``: second order, with rotor speeds and attitude in closed form. ``\"rk4\"``: fourth "
                         "order. ``\"automatic\"``: rk4 if ``control`` is rotor speeds or thrusts and a tick is at most twice the "
@@ -97,10 +97,9 @@ struct DynamicsConfig {
         field("gyroscopic", &C::gyroscopic, {.about = "Gyroscopic torques of the rotors on a turning body."}),
         field("ground_effect", &C::ground_effect, {.about = "More thrust near surfaces below."}),
         field("downwash", &C::downwash,
-              {.about = "Less thrust in the wash of other drones of the env; independent of ``interaction``."}),
-        field("controller", &C::controller,
-              {.about = "Gains, limits and lag of the flight controller; by default they follow from the rotors' lag."}),
-        field("wind", &C::wind, {.about = "Wind; none by default."}),
+              {.about = "Less thrust in the wash of other drones of the env, for any ``interaction``."}),
+        field("controller", &C::controller, {.about = "Gains, limits and lag of the flight controller."}),
+        field("wind", &C::wind, {.about = "Wind, by default none."}),
         field("max_speed_mps", &C::max_speed_mps, {.about = "Speed limit of the controller.", .unit = "m/s", .limits = above(0)}),
         field("max_acceleration_mps2", &C::max_acceleration_mps2,
               {.about = "Acceleration limit of the controller.", .unit = "m/s^2", .limits = above(0)}),

@@ -86,7 +86,7 @@ struct UpdateConfig {
     return field_list(
         field("learning_rate", &C::learning_rate, {.about = "Step size of Adam.", .limits = at_least(0)}),
         field("batch_size", &C::batch_size,
-              {.about = "Steps in a minibatch; a rollout has n_steps of each row.", .limits = between(1, 1 << 30)}),
+              {.about = "Steps in a minibatch. A rollout has n_steps of each agent.", .limits = between(1, 1 << 30)}),
         field("n_epochs", &C::n_epochs, {.about = "Passes over the rollout.", .limits = between(1, 10'000)}),
         field("clip_range", &C::clip_range,
               {.about = "The ratio of probabilities is clipped to [1 - clip_range, 1 + clip_range].", .limits = at_least(0)}),
@@ -132,7 +132,7 @@ struct UpdateReport {
         field("loss", &C::loss, {.about = "Loss of the last minibatch."}),
         field("explained_variance", &C::explained_variance,
               {.about = "Share of the variance of the returns that the values of the rollout explain."}),
-        field("std", &C::std, {.about = "Mean standard deviation of the actions, after the update; 0 for discrete actions."}),
+        field("std", &C::std, {.about = "Mean standard deviation of the actions, after the update, 0 for discrete actions."}),
         field("epochs", &C::epochs, {.about = "Number of epochs begun."}),
         field("stopped_early", &C::stopped_early, {.about = "True if ``target_kl`` ended the update."}),
         field("is_finite", &C::is_finite,

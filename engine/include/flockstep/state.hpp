@@ -49,16 +49,18 @@ struct ContactState {  // contacts of the last motion
                .frame = Frame::world,
                .writer = kWriter,
                .about = "direction from the obstacle towards the drone"}),
-        array("body", &C::body,
-              {.values = Values::last_count, .writer = kWriter, .about = "number of the touched body in its env; -1: none"}),
-        array("drone", &C::drone,
-              {.values = Values::last_count, .writer = kWriter, .about = "number of the touched drone in its env; -1: none"}),
+        array(
+            "body", &C::body,
+            {.values = Values::last_count, .writer = kWriter, .about = "number of the touched body in its env, -1 without one"}),
+        array(
+            "drone", &C::drone,
+            {.values = Values::last_count, .writer = kWriter, .about = "number of the touched drone in its env, -1 without one"}),
         array("surface_velocity", &C::surface_velocity,
               {.columns = 3,
                .unit = "m/s",
                .frame = Frame::world,
                .writer = kWriter,
-               .about = "velocity of the touched body or drone at the contact point; 0 for the static world"}));
+               .about = "velocity of the touched body or drone at the contact point, 0 for the static world"}));
   }
 };
 
@@ -101,7 +103,7 @@ struct BodyState {
               {.rows = Rows::body,
                .values = Values::flag,
                .writer = kWriter,
-               .about = "True if the body's script moves it; False after a call has moved it"}),
+               .about = "True if the body's script moves it, False after a call has moved it"}),
         array(
             "body_model", &C::model,
             {.rows = Rows::body, .access = Access::internal, .writer = kWriter, .about = "number of the body's model; -1: none"}),
@@ -140,13 +142,13 @@ struct FlightState {
                .unit = "m/s^2",
                .frame = Frame::world,
                .writer = kWriter,
-               .about = "mean of the last tick; 0 if it ended in a contact"}),
+               .about = "mean of the last tick, 0 if the tick ended in a contact"}),
         array("angular_acceleration", &C::angular_acceleration,
               {.columns = 3,
                .unit = "rad/s^2",
                .frame = Frame::body,
                .writer = kWriter,
-               .about = "mean of the last tick; 0 if it ended in a contact"}),
+               .about = "mean of the last tick, 0 if the tick ended in a contact"}),
         array("rotor_speed", &C::rotor_speed,
               {.columns = 4, .unit = "rad/s", .writer = kWriter, .about = "speeds of the rotors, in the order of the airframe"}),
         array("rotor_command", &C::rotor_command,
@@ -170,7 +172,7 @@ struct FlightState {
                .unit = "m/s",
                .frame = Frame::world,
                .writer = "the step, before it flies; resets",
-               .about = "wind of the last step; before the first one, the wind of the start"}),
+               .about = "wind of the last step. Before the first step: the wind at the start"}),
         array("gust", &C::gust,
               {.columns = 5,
                .access = Access::internal,

@@ -22,7 +22,7 @@ from flockstep._core import (
     TrackConfig,
     World,
 )
-from flockstep.trainings import flyers, varied
+from flockstep.trainings import flyers, gradients, varied
 from flockstep.trainings.flying import Flyer
 from flockstep.trainings.training import TRAINING_SEEDS, Keywords, Training
 
@@ -378,3 +378,4 @@ TRAININGS["race_alike"] = replace(
     figures=varied.TRAININGS["race_varied"].figures,
     bench=("race_varied", "alike", 5),
 )
+TRAININGS |= gradients.rows(TRAININGS)

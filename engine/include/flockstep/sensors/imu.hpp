@@ -23,22 +23,20 @@ struct ImuReadings {
 
   static constexpr auto fields() {
     using C = ImuReadings;
-    return field_list(array("accelerometer", &C::accelerometer,
-                            {.columns = 3,
-                             .unit = "m/s^2",
-                             .frame = Frame::sensor,
-                             .writer = "IMU",
-                             .about = "latest reading of the specific force"}),
-                      array("gyroscope", &C::gyroscope,
-                            {.columns = 3,
-                             .unit = "rad/s",
-                             .frame = Frame::sensor,
-                             .writer = "IMU",
-                             .about = "latest reading of the angular velocity"}),
-                      array("imu_age_s", &C::age_s,
-                            {.unit = "s",
-                             .writer = "IMU",
-                             .about = "age of the latest reading that has arrived; see `rate_hz`, `latency_s`, `loss`"}));
+    return field_list(
+        array("accelerometer", &C::accelerometer,
+              {.columns = 3,
+               .unit = "m/s^2",
+               .frame = Frame::sensor,
+               .writer = "IMU",
+               .about = "latest reading of the specific force"}),
+        array("gyroscope", &C::gyroscope,
+              {.columns = 3,
+               .unit = "rad/s",
+               .frame = Frame::sensor,
+               .writer = "IMU",
+               .about = "latest reading of the angular velocity"}),
+        array("imu_age_s", &C::age_s, {.unit = "s", .writer = "IMU", .about = "age of the newest reading that has arrived"}));
   }
 };
 
@@ -62,7 +60,7 @@ struct ImuConfig {
 
   static constexpr auto fields() {
     using C = ImuConfig;
-    constexpr FieldInfo kBiasTime{.about = "Correlation time of the bias; 0: a random walk.", .unit = "s", .limits = at_least(0)};
+    constexpr FieldInfo kBiasTime{.about = "Correlation time of the bias. 0: a random walk.", .unit = "s", .limits = at_least(0)};
     return field_list(
         field("name", &C::name, {.about = "Name, unique among the IMUs.", .form = Form::plain_name}),
         field("accelerometer_noise_density", &C::accelerometer_noise_density,

@@ -36,7 +36,7 @@ struct LidarConfig {
     return field_list(
         field("name", &C::name, {.about = "Name for `Batch.lidar`, unique among the LiDARs.", .form = Form::plain_name}),
         field("channels", &C::channels,
-              {.about = "Rows, from -vfov/2 to +vfov/2, both included; a single row has elevation 0.",
+              {.about = "Channels, from -vfov/2 to +vfov/2, both included. A single channel has elevation 0.",
                .limits = between(1, kMaxRays)}),
         field("beams", &C::beams,
               {.about = "Beams of a channel, counter-clockwise from -hfov/2 to +hfov/2, both included (at 360 without the end). "
@@ -49,9 +49,8 @@ struct LidarConfig {
             {.about = "Maximum range. Beyond it is a miss: inf in metres, 1 when normalised.", .unit = "m", .limits = above(0)}),
         field("offset_m", &C::offset_m, kMountOffset), field("quat_wxyz", &C::quat_wxyz, kMountRotation),
         field("azimuth_deg", &C::azimuth_deg,
-              {.about = "Azimuths of a pattern, which replaces the grid: a scan has the shape (1, number of azimuths). Leave "
-                        "``channels``, ``hfov_deg`` and ``vfov_deg`` at their defaults, and ``beams`` there or at the number of "
-                        "azimuths.",
+              {.about = "Azimuths of a pattern, which replaces the grid. Leave ``channels``, ``hfov_deg`` and ``vfov_deg`` at "
+                        "their defaults.",
                .unit = "deg",
                .limits = within(360)}),
         field("elevation_deg", &C::elevation_deg,

@@ -9,12 +9,12 @@ namespace flockstep {
 inline constexpr FieldInfo kMountOffset{.about = "Position (x, y, z) in the body frame.", .unit = "m", .limits = within(100)};
 
 // Description of `quat_wxyz`.
-inline constexpr FieldInfo kMountRotation{.about = "Rotation (w, x, y, z) from sensor to body; normalised if nearly of norm 1.",
+inline constexpr FieldInfo kMountRotation{.about = "Rotation (w, x, y, z) from sensor to body. A norm near 1 is normalised.",
                                           .form = Form::unit_quaternion};
 
 // Description of `rate_hz`.
 inline constexpr FieldInfo kSensorRate{.about =
-                                           "Readings per second of simulated time; must divide the ticks per second of the "
+                                           "Readings per second of simulated time. It must divide the ticks per second of the "
                                            "`ClockConfig`. None: after every control step.",
                                        .unit = "Hz",
                                        .limits = above(0)};
@@ -35,7 +35,7 @@ inline constexpr FieldInfo kSensorJitter{.about =
 
 // Description of `loss`.
 inline constexpr FieldInfo kSensorLoss{
-    .about = "Probability that a reading is lost; the one before it holds. The first one of an episode is never lost.",
+    .about = "Probability that a reading is lost. The one before it holds. The first one of an episode is never lost.",
     .limits = between(0, 1)};
 
 namespace sensors {
