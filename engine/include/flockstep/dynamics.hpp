@@ -19,8 +19,9 @@ struct EnumNames<Motion> {
   static constexpr std::array kNames{"kinematic", "rotors"};
 };
 
-// Meaning of the four numbers that command a drone in rotor motion. Thrust is the total thrust of all rotors divided by the
-// mass. Yaw is the heading of the body's x axis: 0 along the world's x axis, counter-clockwise positive.
+// Meaning of the numbers that command a drone in rotor motion: one for each rotor, or else four. Thrust is the total thrust of
+// all rotors divided by the mass. Yaw is the heading of the body's x axis: 0 along the world's x axis, counter-clockwise
+// positive.
 enum class Control : std::uint8_t {
   pose,              // pose at the end of the step, as in kinematic motion; flown as a velocity and a yaw rate
   rotor_speeds,      // rad/s, each rotor
@@ -37,6 +38,9 @@ struct EnumNames<Control> {
   static constexpr std::array kNames{"pose",         "rotor_speeds", "rotor_thrusts",    "body_rates", "attitude",
                                      "acceleration", "velocity",     "heading_velocity", "position"};
 };
+
+// True if commands are for single rotors, without the controller.
+constexpr bool tells_rotors(Control control) { return control == Control::rotor_speeds || control == Control::rotor_thrusts; }
 
 // Method for the equations of motion.
 enum class Integrator : std::uint8_t { automatic, midpoint, rk4 };
@@ -115,7 +119,7 @@ struct DynamicsConfig {
 
   bool is_kinematic() const { return motion == Motion::kinematic; }  // true if drones move straight to their setpoints
   bool tells_rotors() const {
-    return control == Control::rotor_speeds || control == Control::rotor_thrusts;
+    return flockstep::tells_rotors(control);
   }  // true if commands are for single rotors, without the controller
 };
 

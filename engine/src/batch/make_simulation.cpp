@@ -139,7 +139,7 @@ std::optional<dynamics::Fleet> fleet_of(const BatchConfig& config, const DroneMo
   if (airframes.empty()) airframes.push_back(*drone.airframe());
   return dynamics::Fleet(airframes, std::vector<std::int32_t>(static_cast<std::size_t>(config.num_drones())), config.dynamics,
                          config.clock, static_cast<std::size_t>(config.drones_per_env),
-                         dynamics::Variations(config.variations, airframes.size(), config.clock));
+                         dynamics::Variations(config.variations, airframes, config.clock));
 }
 
 template <class Enum>
@@ -171,7 +171,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   checks::spec(task_state.task->spec());
   task_state.rows_per_env = task_state.task->spec().row == Row::drone ? sim.drones_per_env() : 1;
   if (!sim.config.observed.is_off() || !sim.config.privileged.empty()) {
-    task_state.memory.emplace(sim.config, task_state.task->spec(), sim.num_rows());
+    task_state.memory.emplace(sim.config, task_state.task->spec(), sim.num_rows(), sim.context->num_rotors());
     checks::spec(task_state.spec());
   }
   const TaskSpec& spec = task_state.spec();
@@ -190,7 +190,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   task_state.actions = task_state.actions_before = Buffer(spec.action, n);
   const bool uses_pose_targets = sim.config.dynamics.control == Control::pose;
   if (uses_pose_targets) task_state.setpoints.target.resize(sim.num_drones());
-  if (!uses_pose_targets) task_state.setpoints.command.resize(4 * sim.num_drones());
+  if (!uses_pose_targets) task_state.setpoints.command.resize(sim.context->command_size() * sim.num_drones());
   if (uses_pose_targets && sim.config.clock.substeps() > 1) task_state.step_start.resize(sim.num_drones());
   if (spec.records_path) {
     const auto ticks = static_cast<std::size_t>(sim.config.clock.substeps());
@@ -265,7 +265,10 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     if (world != nullptr && !pool) checks::bodies_of_world(*world, config, bodies_per_env, hull.radius());
   }
   for (const BodyConfig& body : config.bodies) checks::body_within_ticks(body, config.clock, hull.radius());
-  const ArraySizes sizes{.num_envs = num_envs(), .num_drones = num_drones(), .num_bodies = num_envs() * bodies_per_env};
+  const ArraySizes sizes{.num_envs = num_envs(),
+                         .num_drones = num_drones(),
+                         .num_bodies = num_envs() * bodies_per_env,
+                         .num_rotors = fleet ? fleet->num_rotors() : 0};
   allocate(state, sizes);
   allocate(state.contact, sizes);
   std::ranges::fill(state.contact.body, -1);

@@ -38,7 +38,7 @@ HWY_NOINLINE inline void take_arrivals(std::span<const Arrival> arrivals, int ti
   const F now(static_cast<float>(tick));
   for (const Arrival& arrival : arrivals) {
     const F::Mask has_arrived = load(arrival.tick, lane) <= now;
-    for (std::size_t i = 0; i < 7; ++i) set[i] = select(has_arrived, load(arrival.setpoint[i], lane), set[i]);
+    for (std::size_t i = 0; i < kSetpoint; ++i) set[i] = select(has_arrived, load(arrival.setpoint[i], lane), set[i]);
   }
 }
 

@@ -48,7 +48,7 @@ class Race final : public DifferentiableTask<RaceConfig> {
   bool takes(Control control) const override { return control == Control::body_rates; }
 
   void setup(const TaskContext& context) override {
-    FlightTask::setup(context);
+    ConfiguredFlightTask::setup(context);
     const std::size_t n = context.num_drones();
     target_.assign(n, 0);
     passed_.assign(n, 0);
@@ -130,7 +130,7 @@ class Race final : public DifferentiableTask<RaceConfig> {
       terms[kProgress] = static_cast<double>(config_.progress_weight) * progress;
       terms[kGate] = static_cast<double>(config_.gate_weight) * crossings.passed;
       terms[kRates] = -static_cast<double>(config_.rates_weight * angular_velocity_of(state, drone).norm());
-      terms[kChange] = -static_cast<double>(config_.change_weight * change(drone));
+      terms[kChange] = -static_cast<double>(config_.change_weight * change(block.context, drone));
       terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
       score.terminated[drone] = crashed || finished;
       score.left_area[drone] = is_far;

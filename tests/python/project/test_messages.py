@@ -175,8 +175,8 @@ NativeTask("./fly.so")
 DroneModel.load("nix.json")
   MissingFileError: nix.json: cannot read a drone file: No such file or directory
 DroneModel.load("racer")
-  ValueError: drone: expected one of crazyflie, f450, hummingbird, kingfisher, racer5, t650, x500, random/seed-N, or
-  the path of a file ending in .json, got "racer". Did you mean racer5?
+  ValueError: drone: expected one of crazyflie, f450, f550, hummingbird, kingfisher, naki, racer5, t650, x500,
+  random/seed-N, or the path of a file ending in .json, got "racer". Did you mean racer5?
 connect("unix:/nowhere")
   ConnectionError: no server at unix:/nowhere: start one with `python -m flockstep serve RECIPE` (No such file or
   directory)

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "flockstep/airframe.hpp"
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 
@@ -23,7 +24,7 @@ struct DroneParameters {
   float payload_kg = 0.0F;
   float payload_below_m = 0.0F;
   float thrust_scale = 1.0F;
-  std::array<float, 4> rotor_thrust_scale{1.0F, 1.0F, 1.0F, 1.0F};
+  std::array<float, kMaxRotors> rotor_thrust_scale{1.0F, 1.0F, 1.0F, 1.0F, 1.0F, 1.0F, 1.0F, 1.0F};
   float torque_scale = 1.0F;
   float lag_up_scale = 1.0F;
   float lag_down_scale = 1.0F;
@@ -63,7 +64,7 @@ struct DroneParameters {
               {.about = "Distance of that point below the centre of mass.", .unit = "m", .limits = between(0, 10)}),
         field("thrust_scale", &C::thrust_scale, {.about = "Factor of all rotors' thrust at a speed.", .limits = kScale}),
         field("rotor_thrust_scale", &C::rotor_thrust_scale,
-              {.about = "A further factor for each rotor.", .limits = between(0, 20)}),
+              {.about = "A further factor for each rotor that the drone has.", .limits = between(0, 20)}),
         field("torque_scale", &C::torque_scale, {.about = "Factor of the ratio of torque to thrust.", .limits = kScale}),
         field("lag_up_scale", &C::lag_up_scale, {.about = "Factor of the rotors' lag at rising speed.", .limits = kScale}),
         field("lag_down_scale", &C::lag_down_scale, {.about = "Factor of the rotors' lag at falling speed.", .limits = kScale}),
@@ -88,7 +89,7 @@ struct DroneParameters {
             {.about = "Share of the rotors' speed lost at full power, by the battery's resistance.", .limits = between(0, 0.9)}),
         field("dead_rotor", &C::dead_rotor,
               {.about = "Number of the rotor that dies, rounded down.",
-               .limits = Limits{.least = 0, .greatest = 4, .excludes_greatest = true}}),
+               .limits = Limits{.least = 0, .greatest = kMaxRotors, .excludes_greatest = true}}),
         field("dead_from_s", &C::dead_from_s,
               {.about = "Time in the episode from which that rotor is dead, rounded to control steps.",
                .unit = "s",

@@ -26,7 +26,8 @@ struct HoverConfig {
             "drone starts at the point, level.",
         .action =
             "Four numbers, clipped to [-1, 1]. By default each is the thrust of a rotor: -1 the least, 0 hovering, 1 the "
-            "greatest. With another ``control``, 0 hovers or has no effect, and ±1 is the largest command.",
+            "greatest. With another ``control``, 0 hovers or has no effect, and ±1 is the largest command. An airframe with "
+            "more than four rotors has a number for each.",
         .observed =
             "All vectors are in the body frame, and nothing depends on the heading. The offset and the up vector come from the "
             "pose sensor, which is exact unless you give it noise.",
@@ -36,7 +37,7 @@ struct HoverConfig {
                 {"3", "velocity, m/s"},
                 {"3", "the world's up vector"},
                 {"3", "angular velocity, in units of 10 rad/s"},
-                {"4", "speed of each rotor: -1 slowest, 0 hovering, 1 fastest"},
+                {"4", "speed of each rotor, 4 of a quadrotor: -1 slowest, 0 hovering, 1 fastest"},
             },
         .reward =
             {

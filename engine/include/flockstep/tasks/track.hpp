@@ -52,7 +52,7 @@ struct TrackConfig {
                 {"3", "velocity, m/s"},
                 {"3", "the world's up vector"},
                 {"3", "angular velocity, in units of 10 rad/s"},
-                {"4", "speed of each rotor: -1 slowest, 0 hovering, 1 fastest"},
+                {"4", "speed of each rotor, 4 of a quadrotor: -1 slowest, 0 hovering, 1 fastest"},
                 {"2", "sine and cosine of the yaw error"},
             },
         .reward =
