@@ -23,7 +23,7 @@ namespace {
 int bytes_of_pixel(const CameraOutputs& o) {
   return 3 * o.rgb + 4 * o.depth + 2 * o.semantic + 2 * o.instance + 12 * o.normal + 1 * o.grey + 3 * o.hsv;
 }
-// Of all written images of a camera.
+// All written images of a camera, together.
 double bytes_of_image(const CameraConfig& camera) {
   return static_cast<double>(bytes_of_pixel(camera.outputs)) * camera.image_width_px() * camera.image_height_px();
 }

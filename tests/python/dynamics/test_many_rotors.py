@@ -290,7 +290,7 @@ def test_hover_and_track(name, control):
 
 
 def test_tasks_in_mixed_batches():
-    """What is asked of absent rotors neither costs nor shows."""
+    """Actions of absent rotors neither cost nor show."""
     made = [
         gymnasium.make_vec("flockstep/Hover-v0", 20, drone="f550", airframes=["f450", "f550"], num_threads=threads)
         for threads in (1, 2)

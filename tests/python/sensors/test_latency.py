@@ -37,7 +37,7 @@ def make(late, rate_hz=None, *, image=None, **keywords):
 
 
 def readings(env):
-    """What each sensor shows: a list of its arrays."""
+    """Return the arrays that each sensor shows."""
     batch, camera = env.batch, env.batch.camera()
     images = [getattr(camera, name) for name in camera.config.outputs]
     groups = (
@@ -192,7 +192,7 @@ def test_readings_at_their_own_rate(rate_hz, late):
 
 
 def older_than(late, age_s):
-    """Whether readings of pose sensors, more than 100,000, are shown this late, and the greatest age."""
+    """Return which of more than 100,000 readings of pose sensors are shown this late, and the greatest age."""
     config = PoseSensorConfig(**late)
     keywords = {"policy_hz": 50, "max_episode_steps": 0, "pose_sensor": config}
     envs = flockstep.DroneVectorEnv(4096, task=flockstep.HoverConfig(), worlds=ROOM, **keywords)
