@@ -67,7 +67,7 @@ void drawable(const BatchConfig& config, const Light& light) {
           "fog_visibility_m", "0 with camera_backend=\"gl\", which draws no fog", light.fog_visibility_m);
 }
 
-void memory(double bytes) {
+void memory(double bytes, std::string_view field) {
   constexpr double kGibibyte = 1024.0 * 1024.0 * 1024.0;
   const double available = physical_memory();
   if (available == 0.0 || bytes <= available) return;
@@ -76,7 +76,7 @@ void memory(double bytes) {
     text << std::fixed << std::setprecision(1) << value / kGibibyte << " GiB";
     return text.str();
   };
-  refuse("num_drones", "a batch that fits into this machine's " + gibibytes(available) + " of memory",
+  refuse(field, "a batch that fits into this machine's " + gibibytes(available) + " of memory",
          gibibytes(bytes) + " of sensor data and observations");
 }
 

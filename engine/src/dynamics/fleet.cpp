@@ -229,9 +229,11 @@ void Fleet::set_variations(const Variations& next) {
     require(!physics.is_rk4 || can_rk4(stiffest(frame, next), config, clock.dt_s()), "variations: lag_up_scale, lag_down_scale",
             "a lag of at least half a tick", std::min(next.least().lag_up_scale, next.least().lag_down_scale));
   }
+  const DroneParameters before = variations.least(), after = next.least();
+  const bool is_same = !next.differ() && std::ranges::equal(floats_of(before), floats_of(after));
   variations = next;
   turn_on(next.least(), next.greatest());
-  if (next.differ()) part();
+  if (!is_same) part();  // drones whose episodes go on keep the numbers of the constants before
 }
 
 void Fleet::check_parameters(std::span<const float> numbers_given) const {

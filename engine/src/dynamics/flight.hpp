@@ -98,8 +98,8 @@ bool can_rk4(const Airframe& frame, const DynamicsConfig& config, double dt_s);
 // rotor speed. Explicit integration diverges if a tick is longer than about 2 over this rate.
 double stiffness(const Airframe& frame, const DynamicsConfig& config);
 
-// The coefficients of a rotor. One that the airframe does not have is zero, but for the mixer, which is that of the first rotor
-// and so limits nothing: the sign tells.
+// The coefficients of a rotor. One that the airframe does not have is zero, except for the mixer, which is that of the first
+// rotor and so limits nothing: the sign tells.
 template <class T>
 struct RotorNumbers {
   std::array<T, 3> position{};

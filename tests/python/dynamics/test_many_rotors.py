@@ -298,7 +298,7 @@ def test_only_quadrotors_have_derivatives(control):
 
 
 def test_tasks_in_mixed_batches():
-    """What is asked of absent rotors neither costs nor shows."""
+    """Actions of absent rotors neither cost nor show."""
     made = [
         gymnasium.make_vec("flockstep/Hover-v0", 20, drone="f550", airframes=["f450", "f550"], num_threads=threads)
         for threads in (1, 2)

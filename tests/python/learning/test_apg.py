@@ -1,8 +1,11 @@
 """flockstep.APG: trainings of a second, the gradient against differences, files, bits and refusals."""
 
+import runpy
+
 import gymnasium
 import numpy as np
 import pytest
+from conftest import ROOT
 from messages import refused
 
 import flockstep
@@ -135,3 +138,15 @@ def test_settings_out_of_range_are_refused(name, value):
 def test_settings_of_ppo_are_refused():
     with pytest.raises(TypeError, match="n_epochs"):
         APG("MlpPolicy", hover(), n_epochs=3)
+
+
+def test_a_policy_adapts_to_a_heavier_drone():
+    live = runpy.run_path(str(ROOT / "examples" / "adapt_live.py"))["Live"]()
+    errors = []
+    for act in (lambda: None, lambda: [live.change("M") for _ in range(2)], live.adapt):
+        act()
+        errors.append(np.mean([live.step() for _ in range(300)][150:]))
+    assert live.numbers["mass_scale"] == pytest.approx(1.21)
+    assert errors[0] < 0.03
+    assert errors[1] > 0.08
+    assert errors[2] < 0.03

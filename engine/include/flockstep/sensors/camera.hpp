@@ -88,6 +88,9 @@ struct CameraConfig {
   bool shadows = false;
   bool adaptive_samples = false;
   std::optional<float> rate_hz;
+  float latency_s = 0.0F;
+  float jitter_s = 0.0F;
+  float loss = 0.0F;
   std::optional<std::array<int, 2>> resize;
   Pool pool = Pool::mean;
 
@@ -132,7 +135,8 @@ struct CameraConfig {
                         "nearly equal images in less time. ``\"gl\"`` takes all."}),
         field("shadows", &C::shadows,
               {.about = "Hard shadows of the sun, cast by everything except markers and a room's walls and ceiling."}),
-        field("rate_hz", &C::rate_hz, kSensorRate),
+        field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency),
+        field("jitter_s", &C::jitter_s, kSensorJitter), field("loss", &C::loss, kSensorLoss),
         field("resize", &C::resize,
               {.about = "(width, height) of the written images, at most as rendered. ``fx``, ``fy``, ``cx`` and ``cy`` stay "
                         "those of the rendered image. Not with the outputs semantic, instance and normal.",

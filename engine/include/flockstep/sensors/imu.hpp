@@ -55,6 +55,8 @@ struct ImuConfig {
   std::array<float, 4> quat_wxyz{1.0F, 0.0F, 0.0F, 0.0F};
   std::optional<float> rate_hz;
   float latency_s = 0.0F;
+  float jitter_s = 0.0F;
+  float loss = 0.0F;
 
   static constexpr auto fields() {
     using C = ImuConfig;
@@ -76,7 +78,8 @@ struct ImuConfig {
                .limits = at_least(0)}),
         field("gyroscope_bias_time_s", &C::gyroscope_bias_time_s, kBiasTime), field("offset_m", &C::offset_m, kMountOffset),
         field("quat_wxyz", &C::quat_wxyz, kMountRotation), field("rate_hz", &C::rate_hz, kSensorRate),
-        field("latency_s", &C::latency_s, kSensorLatency));
+        field("latency_s", &C::latency_s, kSensorLatency), field("jitter_s", &C::jitter_s, kSensorJitter),
+        field("loss", &C::loss, kSensorLoss));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -26,6 +26,8 @@ struct LidarConfig {
   std::vector<float> elevation_deg;
   std::optional<float> rate_hz;
   float latency_s = 0.0F;
+  float jitter_s = 0.0F;
+  float loss = 0.0F;
 
   static constexpr int kMaxRays = 1 << 18;  // per drone, in all channels
 
@@ -53,7 +55,8 @@ struct LidarConfig {
                .limits = within(360)}),
         field("elevation_deg", &C::elevation_deg,
               {.about = "Elevations of the pattern, one for each azimuth.", .unit = "deg", .limits = within(90)}),
-        field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency));
+        field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency),
+        field("jitter_s", &C::jitter_s, kSensorJitter), field("loss", &C::loss, kSensorLoss));
   }
 
   FLOCKSTEP_API void validate() const;

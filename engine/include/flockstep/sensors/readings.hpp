@@ -69,6 +69,7 @@ struct CameraImages {
   std::vector<std::uint8_t> grey;
   std::vector<std::uint8_t> hsv;
   std::vector<std::int64_t> frame_step;
+  std::vector<float> age_s;
 
   static constexpr auto fields() {
     using C = CameraImages;
@@ -105,7 +106,8 @@ struct CameraImages {
         array("frame_step", &C::frame_step,
               {.values = Values::last_count,
                .writer = kWriter,
-               .about = "number of the image's reading, 0 at the reset, -1 if stale"}));
+               .about = "number of the image's reading, 0 at the reset, -1 if stale"}),
+        array("frame_age_s", &C::age_s, {.unit = "s", .writer = kWriter, .about = "time since the image was taken"}));
   }
 };
 

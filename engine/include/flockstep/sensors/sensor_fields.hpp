@@ -1,4 +1,4 @@
-// Fields that sensors share, the mounting pose, the rate and the latency, and names with which a make_sensor() is declared.
+// Fields that sensors share, the mounting pose, the rate and the delay, and names with which a make_sensor() is declared.
 #pragma once
 
 #include "flockstep/fields.hpp"
@@ -25,6 +25,18 @@ inline constexpr FieldInfo kSensorLatency{.about =
                                               "episode arrives at once.",
                                           .unit = "s",
                                           .limits = between(0, 1)};
+
+// Description of `jitter_s`.
+inline constexpr FieldInfo kSensorJitter{.about =
+                                             "Greatest further delay of a reading, drawn for each. The newest one that has "
+                                             "arrived holds, so no reading is older than the one before it.",
+                                         .unit = "s",
+                                         .limits = between(0, 1)};
+
+// Description of `loss`.
+inline constexpr FieldInfo kSensorLoss{
+    .about = "Probability that a reading is lost. The one before it holds. The first one of an episode is never lost.",
+    .limits = between(0, 1)};
 
 namespace sensors {
 class BlockSensor;
