@@ -107,11 +107,11 @@ GradientReport Learner::learn_window(const GradientConfig& config, Batch& batch)
   config.validate();
   Parts& parts = *parts_;
   Simulation& sim = *batch.sim_;
+  require(dynamic_cast<task::FlightGradient*>(sim.task_state->task.get()) != nullptr, "task",
+          "hover, track or race, whose losses have derivatives", "another");
   parts.require_fits(batch, sim.num_drones());
   require(!parts.config.is_discrete && parts.action_size() == kActions, "batch", "a task with four numbers as an action",
           parts.action_size());
-  require(dynamic_cast<task::FlightGradient*>(sim.task_state->task.get()) != nullptr, "task",
-          "hover, track or race, whose losses have derivatives", "another");
   require(!sim.task_state->memory, "observed", "the task's own observation, which has derivatives", "another");
   require(parts.config.features == Features::flat || parts.config.features == Features::point, "features",
           "\"flat\" or \"point\", which have derivatives", "others");

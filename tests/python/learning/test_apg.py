@@ -19,8 +19,8 @@ def hover(num_envs=20, **keywords):
     return DroneVectorEnv(num_envs, task=HoverConfig(), **keywords)
 
 
-def trained(num_threads=1, steps=9_600, **keywords):
-    model = APG("MlpPolicy", hover(**keywords), horizon=16, policy_kwargs=POINT, seed=3, num_threads=num_threads)
+def trained(threads=1, steps=9_600, **keywords):
+    model = APG("MlpPolicy", hover(**keywords), horizon=16, policy_kwargs=POINT, seed=3, num_threads=threads)
     return model.learn(steps)
 
 
@@ -128,7 +128,7 @@ def test_without_a_derivative_is_refused_by_name():
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("horizon", 0), ("ticks", 0), ("gamma", 1.5), ("max_grad_norm", 0.0), ("learning_rate", -1.0)]
+    ("name", "value"), [("horizon", 0), ("ticks", 0), ("gamma", 1.5), ("max_grad_norm", 0), ("learning_rate", -1)]
 )
 def test_settings_out_of_range_are_refused(name, value):
     with refused(ValueError, name, value):
