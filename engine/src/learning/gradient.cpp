@@ -107,7 +107,7 @@ GradientReport Learner::learn_window(const GradientConfig& config, Batch& batch)
   config.validate();
   Parts& parts = *parts_;
   Simulation& sim = *batch.sim_;
-  require(dynamic_cast<task::FlightGradient*>(sim.task_state->task.get()) != nullptr, "task",
+  require(sim.task_state && dynamic_cast<task::FlightGradient*>(sim.task_state->task.get()) != nullptr, "task",
           "hover, track or race, whose losses have derivatives", "another");
   parts.require_fits(batch, sim.num_drones());
   require(!parts.config.is_discrete && parts.action_size() == kActions, "batch", "a task with four numbers as an action",
