@@ -90,7 +90,7 @@ Flock begin(const Airframe& frame, Control control, const Vec3& wind) {
       flock.velocity[i][lane] = 100.0F * little(random);
       flock.wind[i][lane] = wind[static_cast<Eigen::Index>(i)];
     }
-    for (std::size_t i = 0; i < flockstep::kRotors; ++i) {
+    for (std::size_t i = 0; i < flockstep::kMinRotors; ++i) {
       flock.rotor[i][lane] = flock.rotor_command[i][lane] = hover * (1.0F + little(random));
       if (control == Control::rotor_speeds) flock.setpoint[i][lane] = hover * (1.0F + little(random));
     }

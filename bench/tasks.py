@@ -29,6 +29,9 @@ UNITS = {"contacts_per_minute": "1/min", "seconds": "s", "training_s": "s"}
 
 def measure(bench: str) -> Iterator[Measured]:
     """Judge the flyers and the trainings of a bench."""
+    if bench == "gradients":
+        yield from measure_gradients()
+        return
     first = TRAININGS[BENCHES[bench][0]]
     for flyer, candidates in first.baselines.items():
         yield from figures(
@@ -43,6 +46,21 @@ def measure(bench: str) -> Iterator[Measured]:
             name = f"{bench}/{label}/{seed}"
             yield from figures(name, judge(training, model, training.flights, FIRST), training.flights)
             yield f"{name}/training_s", seconds, "s", 1
+
+
+def measure_gradients() -> Iterator[Measured]:
+    """Train by gradients and by PPO in turns, on one thread, in processor time, with seeds that chose no setting."""
+    for seed in range(5, 10):
+        for row in BENCHES["gradients"]:
+            _, label, _ = TRAININGS[row].bench or ("", "", 0)
+            both = {"apg": TRAININGS[row]} | ({"ppo": TRAININGS[label]} if label in TRAININGS else {})
+            for learner, training in both.items():
+                before = time.process_time()
+                model = train(training, "flockstep", seed, 1)
+                seconds = time.process_time() - before
+                name = f"gradients/{learner}/{label}/{seed}"
+                yield from figures(name, judge(training, model, training.flights, FIRST), training.flights)
+                yield f"{name}/cpu_s", seconds, "s", 1
 
 
 FIRST = UNSEEN_SEEDS.start

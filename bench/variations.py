@@ -16,13 +16,14 @@ from timing import Measured, Median, in_turns, median_ratio, timed
 DRONES, RUNS, STEPS = 1024, 9, 100
 BODY = {"mass_scale": (0.8, 1.2), "stretch": (0.9, 1.1), "thrust_scale": (0.9, 1.1), "torque_scale": (0.75, 1.25)}
 LAGS = {"lag_up_scale": (0.7, 1.3), "lag_down_scale": (0.7, 1.3), "rate_gain_scale": (0.8, 1.2)}
+QUADROTORS = [name for name in flockstep.DroneModel.names() if flockstep.DroneModel.load(name).num_rotors == 4]
 KINDS: dict[str, dict[str, Any]] = {
     "alike": {},
     "constants": {"variations": flockstep.vary(mass_scale=1.1, thrust_scale=1.1, rate_gain_scale=0.9)},
     "drawn": {"variations": flockstep.vary(**BODY, **LAGS)},
-    "airframes": {"airframes": flockstep.DroneModel.names()},
+    "airframes": {"airframes": QUADROTORS},
     "gusts": {"wind": flockstep.WindConfig(gusts="dryden")},
-    "everything": {"variations": presets["sim2real"], "airframes": flockstep.DroneModel.names()},
+    "everything": {"variations": presets["sim2real"], "airframes": QUADROTORS},
 }
 
 

@@ -189,7 +189,7 @@ Viewed<FlightState> flight_arrays(const py::object& self, const char*) {
   if (batch.config().dynamics.is_kinematic()) {
     throw py::attribute_error("kinematic motion has no velocities or rotors: make this Batch with motion=\"rotors\"");
   }
-  return {batch.state().flight, memory_of(self)};
+  return {batch.state().flight, memory_of(self), {.sizes = {static_cast<std::int64_t>(batch.num_rotors()), 1}, .dimensions = 1}};
 }
 Viewed<MoveLineState> move_line_arrays(const py::object& self, const char*) {
   return {self.cast<const Batch&>().move_lines().state(), memory_of(self)};
@@ -228,6 +228,7 @@ void register_batch(py::module_& module) {
                   py::kw_only(), py::arg("allow_files") = false, py::arg("max_worlds") = RecipeAccess().max_worlds)
       .def_property_readonly("num_envs", [](const Batch& batch) { return batch.config().num_envs; })
       .def_property_readonly("drones_per_env", [](const Batch& batch) { return batch.config().drones_per_env; })
+      .def_property_readonly("num_rotors", [](const Batch& batch) { return batch.num_rotors(); })
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })
       .def_property_readonly("generation", [](const Batch& batch) { return ServedBatch::generation(batch); })
       .def_property_readonly("num_threads", [](const Batch& batch) { return batch.num_threads(); })
@@ -307,7 +308,7 @@ void register_batch(py::module_& module) {
             const py::ssize_t n = drones.given() ? static_cast<py::ssize_t>(drones.rows()) : num_drones(batch);
             const auto v = row_floats(velocity, "velocity", n, 3);
             const auto w = row_floats(angular_velocity, "angular_velocity", n, 3);
-            const auto r = row_floats(rotor_speed, "rotor_speed", n, py::ssize_t{kRotors});
+            const auto r = row_floats(rotor_speed, "rotor_speed", n, static_cast<py::ssize_t>(batch.num_rotors()));
             const auto m = flags(mask, "mask", num_drones(batch));
             in_turn(batch, [&] { drones.given() ? batch.set_velocity(drones, v, w, r) : batch.set_velocity(v, w, r, m); });
           },
@@ -333,11 +334,11 @@ void register_batch(py::module_& module) {
              const py::object& control) {
             auto& batch = self.cast<Batch&>();
             if (command.is_none()) throw py::value_error("command: expected an array (N, 4), got None");
-            const auto c = floats(command, "command", n_by(batch, 4));
+            const auto meaning = control.is_none() ? std::nullopt : std::optional(from_python<Control>(control, "control"));
+            const auto c = floats(command, "command", n_by(batch, static_cast<py::ssize_t>(batch.command_size(meaning))));
             const int count = ticks.is_none() ? 0 : from_python<int>(ticks, "ticks");
             if (!ticks.is_none()) require(count >= 1, "ticks", "an integer >= 1", count);
             const auto m = flags(mask, "mask", num_drones(batch));
-            const auto meaning = control.is_none() ? std::nullopt : std::optional(from_python<Control>(control, "control"));
             released(batch, [&] { batch.fly(c, count, m, meaning); });
             return ContactView{self};
           },

@@ -442,8 +442,7 @@ void register_config(py::module_& module) {
       module, "DroneParameters",
       "What may differ from drone to drone: differences from the airframe, and what acts on the drone. The controller and\n"
       "the meaning of actions keep the airframe's own numbers. `Variation` draws them.");
-  register_fields<Variation>(module, "Variation",
-                             "How a parameter of the drones is drawn. `flockstep.vary` makes a list of these.");
+  register_fields<Variation>(module, "Variation", "How a parameter of drones is drawn. `flockstep.vary` makes a list of these.");
   module.attr("parameter_names") = py::tuple(py::cast(parameter_names()));
   register_fields<ServerConfig>(module, "ServerConfig", "How a server listens, and what clients may do.");
   register_fields<NetworkConfig>(module, "NetworkConfig", "Actor and critic: two networks on the same inputs.");
@@ -451,7 +450,7 @@ void register_config(py::module_& module) {
   register_fields<UpdateConfig>(module, "UpdateConfig", "One update from a rollout.");
   register_results<UpdateReport>(module, "UpdateReport", "Means over the minibatches of an update.");
   register_fields<GradientConfig>(module, "GradientConfig", "One update by the derivatives of the flight.");
-  register_results<GradientReport>(module, "GradientReport", "Results of an update by the derivatives of the flight.");
+  register_results<GradientReport>(module, "GradientReport", "Results of such an update.");
   register_fields<NavigationReward>(module, "NavigationReward");
   py::dict tasks;
   for_each_task([&]<class Config>(std::type_identity<Config>) {

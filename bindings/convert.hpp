@@ -98,11 +98,11 @@ inline py::object to_python(const std::shared_ptr<const World>& world) {
   return world ? py::cast(std::const_pointer_cast<World>(world)) : py::object(py::none());
 }
 
-template <class Enum, std::size_t kSize>
-  requires std::is_enum_v<Enum>
-py::list to_python(const std::array<Enum, kSize>& values) {
+template <class Enums>
+  requires std::is_enum_v<typename Enums::value_type> && requires(Enums values) { values.size(); }
+py::list to_python(const Enums& values) {
   py::list names;
-  for (const Enum value : values) names.append(name_of(value));
+  for (const auto value : values) names.append(name_of(value));
   return names;
 }
 

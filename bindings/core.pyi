@@ -256,7 +256,7 @@ class Learner:
             Indices t R + r of the steps {learner.hpp: in the order of ... each epoch}. None: drawn.
         """
     def learn_window(self, config: GradientConfig, batch: Batch) -> GradientReport:
-        """Fly a window of steps with the likeliest actions and learn from the derivatives of the task's loss."""
+        """Learn once from ``config.horizon`` steps of a batch, which it flies."""
 
     def window_gradient(self) -> _F32:
         """Return the gradient of the last window, not limited, in the order of the parameters."""
@@ -286,8 +286,8 @@ class Learner:
 class DynamicsConfig:
     """{dynamics.hpp: The motion model}.
 
-    With ``motion="rotors"`` a drone is a rigid body with four rotors (docs/concepts/flight-model.md has the equations). A command is
-    four numbers, whose meaning depends on ``control``:
+    With ``motion="rotors"`` a drone is a rigid body with four to eight rotors (docs/concepts/flight-model.md has the equations). A
+    command is a number for each rotor, or four numbers, whose meaning depends on ``control``:
 
     - ``"rotor_speeds"``: rad/s of each rotor, in the order of the airframe.
     - ``"rotor_thrusts"``: N of each rotor, in still air.
@@ -1131,6 +1131,10 @@ class DroneModel:
     def hover_speed_radps(self) -> float:
         """Rotor speed in hover if all rotors carry the same share of the weight, rad/s."""
 
+    @property
+    def num_rotors(self) -> int:
+        """Number of rotors, 4 to 8."""
+
 @final
 class Contact:
     """Contacts of the last motion of each drone. Views into the batch, cleared by a teleport or a reset."""
@@ -1345,7 +1349,7 @@ class Terms:
         """
 
     def command(self, actions: npt.ArrayLike, *, max_thrust_to_weight: float | None = None) -> _F32:
-        """Return the commands (N, 4) of `DynamicsConfig.control` for actions (N, 4) in [-1, 1], for `Task.act`.
+        """Return the commands (N, C) of `DynamicsConfig.control` for actions (N, C) in [-1, 1], for `Task.act`.
 
         These are the actions of the engine's flight tasks. 0 hovers, and 1 and -1 are the limits:
 
@@ -1358,13 +1362,13 @@ class Terms:
         Parameters
         ----------
         actions
-            (N, 4) in [-1, 1].
+            (N, C) in [-1, 1]: a number for each rotor, or else C = 4.
         max_thrust_to_weight
             Limit of the commanded thrust of all rotors over the weight. None: only the rotors limit it.
         """
 
     def rotor_levels(self) -> _F32:
-        """Return the rotor speeds, (N, 4): -1 is the slowest commanded speed, 0 hovers, 1 is the fastest."""
+        """Return the rotor speeds, (N, R): -1 is the slowest commanded speed, 0 hovers, 1 is the fastest."""
 
     def crossed(self, gate: npt.ArrayLike, *, miss_m: float | None = None) -> tuple[_I32, _Bool]:
         """Return how many gates each drone passed in this step, (N,), and if it missed one, (N,).
@@ -1538,6 +1542,10 @@ class Batch:
         """Number of drones, N."""
 
     @property
+    def num_rotors(self) -> int:
+        """Columns of rotor speeds: 4, or the largest number of rotors of an airframe."""
+
+    @property
     def dynamics(self) -> DynamicsConfig:
         """Motion model and meaning of the commands; a copy."""
 
@@ -1679,9 +1687,9 @@ class Batch:
         *,
         rows: npt.ArrayLike | None = None,
     ) -> None:
-        """Set velocities (N, 3) m/s, angular velocities (N, 3) rad/s and rotor speeds (N, 4) rad/s.
+        """Set velocities (N, 3) m/s, angular velocities (N, 3) rad/s and rotor speeds (N, R) rad/s.
 
-        Velocities are in the world frame, angular velocities in the body frame. None leaves a value unchanged. One row
+        R is `num_rotors`. Velocities are in the world frame, angular velocities in the body frame. None leaves a value unchanged. One row
         is for all drones. A drone may turn by at most half a turn per tick: angular velocities above pi times
         `physics_hz` raise `ValueError`. After `set_pose` {batch.hpp: a drone is at rest}. With ``rows`` (K,), the
         indices of drones, the arrays have K rows, for these drones.

@@ -99,6 +99,7 @@ void register_drone_model(py::module_& module) {
       .def_property_readonly("mass_kg", [](const DroneModel& drone) { return airframe_of(drone).mass_kg; })
       .def_property_readonly("thrust_to_weight", [](const DroneModel& drone) { return airframe_of(drone).thrust_to_weight(); })
       .def_property_readonly("max_thrust_n", [](const DroneModel& drone) { return airframe_of(drone).max_thrust(); })
+      .def_property_readonly("num_rotors", [](const DroneModel& drone) { return airframe_of(drone).num_rotors(); })
       .def_property_readonly("hover_speed_radps", [](const DroneModel& drone) { return airframe_of(drone).hover_speed(); })
       .def("__eq__",
            [](const DroneModel& drone, const py::object& other) -> py::object {

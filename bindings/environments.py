@@ -36,7 +36,7 @@ def space_text(space: spaces.Space[Any]) -> str:
     if isinstance(space, spaces.Discrete):
         return f"integer from 0 to {space.n - 1}"
     if isinstance(space, spaces.Dict):
-        return "; ".join(f"`{name}`: {space_text(inner)}" for name, inner in space.spaces.items())
+        return ", ".join(f"`{name}`: {space_text(inner)}" for name, inner in space.spaces.items())
     assert isinstance(space, spaces.Box)
     low, high = bound_text(space.low), bound_text(space.high)
     limits = f" in [{low}, {high}]"
@@ -151,7 +151,7 @@ class Environment:
         observation = [(re.sub(r', "\w+"', "", a), b) for a, b in words["observation"] if self.is_observed(a)]
         reward = table(("term", "value"), [(f"``{term}``", value) for term, value in words["reward"]])
         parts: list[tuple[str, str, list[str]]] = [
-            ("Action", action, []),
+            ("Action", action[0].upper() + action[1:], []),
             ("Observation", f"{self.observation}. {words['observed']}", table(("numbers", "meaning"), observation)),
             ("Reward", "The sum of these terms:", reward),
             ("", f"Weights: {defaults_text(weights)}." if weights else "", []),
@@ -164,11 +164,8 @@ class Environment:
         if self.is_default:
             parts.insert(0, ("", words["about"], []))
         else:
-            parts[2:6] = [
-                ("Reward", f"The terms of {main}, with the weights in `task` below.", []),
-                ("Start", f"As in {main}.", []),
-                ("End", f"As in {main}.", []),
-            ]
+            same = f"Those of {main}, with the weights in `task` below."
+            parts[2:6] = [("Reward, start and end", same, [])]
             parts[-2:] = [("", f"{main} lists the fields of `{name}`.", [])]
         text = ""
         for title, line, rows in parts:

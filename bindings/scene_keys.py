@@ -20,6 +20,8 @@ BEGIN, END = "<!-- scene keys -->\n", "<!-- /scene keys -->\n"
 WIDTH = 120
 #: Limits of positions, which the text of the page says.
 COORDINATE = " in [-1e6, 1e6]"
+#: Keys of every solid, which the text of the page says, too.
+OF_SOLIDS = ("material", "visible", "solid")
 #: Keys whose own keys another page lists.
 ELSEWHERE = {"light": "[configs.md](configs.md#light)"}
 
@@ -156,6 +158,12 @@ def number_text(number: float) -> str:
     return f"{number:.6g}".replace("e-0", "e-").replace("e+0", "e")
 
 
+def shown_keys(key: Key) -> list[str]:
+    """Return the names of the keys of an object, without those of every solid, which the page names once."""
+    names = [inner["name"] for inner in key.get("keys", ())]
+    return [name for name in names if name not in OF_SOLIDS] if "solid" in names else names
+
+
 def values_text(key: Key) -> str:
     """Describe the allowed values of a key."""
     kind, size = key["kind"], key["size"]
@@ -176,11 +184,11 @@ def values_text(key: Key) -> str:
         + ", ".join(f'`"{choice}"`' for choice in key.get("choices", ())),
         "object": f"an object as in {ELSEWHERE[key['name']]}"
         if key["name"] in ELSEWHERE
-        else ", ".join(f"`{inner['name']}`" for inner in key.get("keys", ())),
+        else ", ".join(f"`{name}`" for name in shown_keys(key)),
         "config": "objects as in [configs.md](configs.md#bodies)",
     }
     text = ("0 or " if key.get("or_zero") else "") + words[kind] + (f", {key['unit']}" if key["unit"] else "")
-    most = f"; at most {key['most']:,}" if "most" in key else ""
+    most = f" (at most {key['most']:,})" if "most" in key else ""
     return {"one": "", "list": "list of ", "by_name": "by name: "}[key["count"]] + text + most
 
 
@@ -198,7 +206,7 @@ def default_text(key: Key, siblings: Sequence[Key]) -> str:
 def values_and_default(key: Key, default: str) -> str:
     """Describe the allowed values of a key, and its default."""
     said = default if default.startswith("required") or not default else f"default {default}"
-    return "; ".join(part for part in (values_text(key), said) if part)
+    return values_text(key) + (f" ({said})" if said else "")
 
 
 def tables_text(keys: Sequence[Key]) -> str:
@@ -221,13 +229,14 @@ def tables_text(keys: Sequence[Key]) -> str:
     for key in keys:
         text += f"| `{key['name']}` | {values_and_default(key, default_text(key, keys))} | {key['meaning']} |\n"
         add_inner(key)
-    text += "\n| key | values | what |\n|---|---|---|\n"
+    names: dict[tuple[str, str], list[str]] = {}  # by values and meaning
     for key, default, owners in rows:
         others = [len(of) for other, _, of in rows if other["name"] == key["name"] and of is not owners]
         is_rule = len(owners) > 1 + max(others, default=-1)  # of all objects that no other row of the key names
         name = f"`{key['name']}`" + ("" if is_rule else f" of {', '.join(owners)}")
-        text += f"| {name} | {values_and_default(key, default)} | {key['meaning']} |\n"
-    return text
+        names.setdefault((values_and_default(key, default), key["meaning"]), []).append(name)
+    text += "\n| key | values | what |\n|---|---|---|\n"
+    return text + "".join(f"| {', '.join(alike)} | {values} | {what} |\n" for (values, what), alike in names.items())
 
 
 def document_text(text: str, keys: Sequence[Key]) -> str:

@@ -52,7 +52,7 @@ ARRAY_TYPES = {
 }
 Field = dict[str, str]
 #: Values that configs.md says once, for all fields.
-SAID_ONCE = ("letters, digits, _ and -", "a unit quaternion", "within +-1e+06 m", "within +-1e+06")
+SAID_ONCE = ("letters, digits, _ and -", "a unit quaternion", "within +-1e+06 m", "within +-1e+06", "[0.05, 20]")
 OWN_KEYWORDS = ("autoreset_mode", "drone_mesh")  # of DroneVectorEnv, which defines them itself
 
 

@@ -98,14 +98,17 @@ class PythonTask final : public Task {
     require(!targets[0].is_none(), "act", "an array of positions or commands", "None");
     if (block.context.dynamics().control != Control::pose) {
       require(targets[1].is_none(), "act", "commands (N, 4) of the control", "a pair of positions and quaternions");
-      const auto commands = floats(targets[0], "act: command", {n, 4});
+      const std::size_t size = block.context.command_size();
+      const auto commands = floats(targets[0], "act: command", {n, static_cast<py::ssize_t>(size)});
       const std::span<const float> rows = commands;
       const std::optional<std::size_t> far = checks::angles(block.context.dynamics().control, rows, "act: command");
       if (far && !std::exchange(has_far_yaw_, true)) {
         const std::string warning = checks::far_yaw("act: command", rows, *far);
         if (PyErr_WarnEx(PyExc_RuntimeWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
       }
-      for (const DroneIndex drone : block.drones) std::copy_n(rows.data() + 4 * drone, 4, setpoints.command.data() + 4 * drone);
+      for (const DroneIndex drone : block.drones) {
+        std::copy_n(rows.data() + size * drone, size, setpoints.command.data() + size * drone);
+      }
       return;
     }
     const auto position = floats(targets[0], "act: target position", {n, 3});

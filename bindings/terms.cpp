@@ -220,15 +220,15 @@ py::array_t<float> command(const Terms& terms, const py::object& actions, const 
   }
   const auto n = static_cast<py::ssize_t>(terms.size());
   require_array(actions, "actions", "(N, 4)");
-  const auto input = floats(actions, "actions", {n, 4});
+  const std::size_t size = batch.command_size();
+  const auto input = floats(actions, "actions", {n, static_cast<py::ssize_t>(size)});
   const std::span<const float> given = input;
   const task::FlightAction levels(dynamics, frame, max_thrust_to_weight.value_or(std::numeric_limits<double>::infinity()));
-  py::array_t<float> commands({n, py::ssize_t{4}});
+  py::array_t<float> commands({n, static_cast<py::ssize_t>(size)});
   float* const out = commands.mutable_data();
   const std::size_t count = terms.size();
   for (std::size_t drone = 0; drone < count; ++drone) {
-    const task::Four action = task::Four(given.data() + 4 * drone).max(-1.0F).min(1.0F);
-    Eigen::Map<task::Four>(out + 4 * drone) = levels.command(action, batch.state(), DroneIndex(drone));
+    levels.command(given.subspan(size * drone, size), batch.state(), DroneIndex(drone), out + size * drone);
   }
   return commands;
 }
@@ -236,13 +236,12 @@ py::array_t<float> command(const Terms& terms, const py::object& actions, const 
 py::array_t<float> rotor_levels(const Terms& terms) {
   const Batch& batch = terms.batch();
   const task::ActionRanges range = task::rotor_speed_ranges(airframe_of(batch, "rotors"));
-  const auto n = static_cast<py::ssize_t>(terms.size());
-  py::array_t<float> levels({n, static_cast<py::ssize_t>(kRotors)});
+  py::array_t<float> levels({static_cast<py::ssize_t>(terms.size()), static_cast<py::ssize_t>(batch.num_rotors())});
   float* const out = levels.mutable_data();
-  const float* const speeds = batch.state().flight.rotor_speed.data();
-  const std::size_t count = terms.size();
-  for (std::size_t i = 0; i < kRotors * count; i += kRotors) {
-    Eigen::Map<task::Four>(out + i) = range.action_for(task::Four(speeds + i));
+  const std::vector<float>& speeds = batch.state().flight.rotor_speed;
+  for (std::size_t i = 0; i < speeds.size(); ++i) {
+    const DroneIndex drone(i / batch.num_rotors());
+    out[i] = i % batch.num_rotors() < batch.num_rotors(drone) ? range.action_for(speeds[i]) : 0.0F;
   }
   return levels;
 }

@@ -165,7 +165,8 @@ def added(array: Array, value: str) -> str:
     """Return the statement that adds an array to a request."""
     if "action" in array.shape:
         return f'add_array(writer, "{array.name}", {value});'
-    sizes = ", ".join("link_->server().bodies_per_env" if size == "B" else size for size in array.shape[1:])
+    known = {"B": "link_->server().bodies_per_env", "C": "command_size(link_->server(), control)"}
+    sizes = ", ".join(known.get(size, size) for size in array.shape[1:])
     kind = "add_flags" if array.dtype == "bool" else "add_rows"
     test = f"if (!{value}.empty()) " if array.is_optional else ""
     return f'{test}{kind}(writer, "{array.name}", {value}, {{{sizes}}});'

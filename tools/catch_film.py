@@ -191,7 +191,7 @@ def draw(args: Args, model: flockstep.PPO, moments: Sequence[Moment]) -> list[fl
     for moment in moments:
         model.learner.parameters = moment.parameters
         rates.append(judge(TRAININGS["hover"], model, args.flights, UNSEEN_SEEDS.start).success)
-        title = f"after {moment.seconds:.0f} s of training" if moment.steps else "untrained"
+        title = f"after {moment.seconds:.2f} s of training" if moment.steps else "untrained"
         below = f"{moment.steps:,} steps: holds {rates[-1]:.1%} of {args.flights:,} throws"
         panels.append(Panel(scene, flown("hover", model, seed), title, below))
     sheet = tiled([[panel.frame(round(s * HZ)) for s in SHEET_S] for panel in panels])
@@ -206,17 +206,17 @@ def main(args: Args) -> bool:
     """Train, fly, film and print the results; return whether the policy learned to catch the drone."""
     args.out.mkdir(parents=True, exist_ok=True)
     print("Training a quadrotor to catch itself by the thrusts of its rotors ...")
-    recipe = TRAININGS["hover"]
+    recipe = TRAININGS["hover_apg"]
     recipe = replace(recipe, steps=args.total_steps or recipe.steps)
     model, moments = learn(recipe, args.seed, args.max_minutes)
     model.save(args.out / "catch.zip")
     rates = draw(args, model, moments)
     last = moments[-1]
-    lines = [f"  {m.steps:>9,} steps {m.seconds:>5.0f} s {rate:>8.1%}" for m, rate in zip(moments, rates, strict=True)]
+    lines = [f"  {m.steps:>9,} steps {m.seconds:>6.2f} s {rate:>8.1%}" for m, rate in zip(moments, rates, strict=True)]
     skill = "catch a quadrotor by the thrusts of its rotors"
     print(f"""
 {verdict_on(skill, rates[-1], last.steps, recipe.steps)}:
-{last.steps:,} steps in {last.seconds:.0f} seconds. Share of {args.flights:,} held-out throws that it brings to
+{last.steps:,} steps in {last.seconds:.2f} seconds. Share of {args.flights:,} held-out throws that it brings to
 the point and holds there, within {100 * CLOSE_M:g} cm:
 {chr(10).join(lines)}
 
@@ -224,7 +224,7 @@ In {args.out}/
   catch.mp4            a film of one throw, flown by the policies of four moments of the training
   catch.gif            the same, smaller
   catch.png            the same at a glance: a row for each moment
-  catch.zip            the policy, for flockstep.PPO.load""")
+  catch.zip            the policy, for flockstep.APG.load""")
     return rates[-1] >= LEARNED
 
 

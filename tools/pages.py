@@ -1,7 +1,8 @@
 """Counts how pages are written: ``python -m tools.pages [PAGE...]``. With ``--check`` it names what is over a limit.
 
 A page's text is what stands outside of code blocks, tables, headings, comments and generated parts. Each kind of page
-has a budget of words of text, by its directory. A span of code or a link counts as its words.
+has a budget of words of text, by its directory. A span of code or a link counts as its words. All documents together
+have a budget, too, in which everything counts, as by ``wc -w``.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ BUDGETS = {
     "docs/project/": 900,
     "docs/thesis/": 600,
 }
+#: Words that all documents together may have, tables, code and comments included.
+TOTAL = 60_000
 POINTERS_PER_1000 = 0.5
 SEMICOLONS_PER_1000 = 3
 LONG_SENTENCE = 30  # words
@@ -107,6 +110,11 @@ def pages() -> list[Path]:
     return [path for path in (*ROOT.glob("*.md"), *sorted((ROOT / "docs").rglob("*.md"))) if is_counted(path)]
 
 
+def total() -> int:
+    """Return the words of all documents written by hand, everything counted."""
+    return sum(len(path.read_text(encoding="utf-8").split()) for path in {*pages(), *ROOT.glob("*.md")})
+
+
 def is_counted(path: Path) -> bool:
     """Return whether a page is written by hand and has a budget."""
     name = path.relative_to(ROOT).as_posix()
@@ -130,6 +138,11 @@ def main() -> None:
         else:
             shares = f"{len(page.pointers):3} pointers {len(page.semicolons):3} semicolons {len(page.long):3} long"
             print(f"{page.words:6} words {shares} of {page.sentences:4} sentences  {page.path}")
+    if not arguments.page:
+        everything = total()
+        if everything > TOTAL or not arguments.check:
+            print(f"{everything} words in all documents, expected at most {TOTAL}")
+        wrong += everything > TOTAL
     sys.exit(1 if arguments.check and wrong else 0)
 
 

@@ -1,6 +1,6 @@
-"""Writes the comparison with other simulators from docs/peers.yaml: ``-m tools.peers_table [--check]``.
+"""Writes docs/results/comparison.md, the comparison with other simulators, from docs/peers.yaml.
 
-docs/results/comparison.md has all rows, README.md those that `first` lists.
+Run it by ``-m tools.peers_table [--check]``.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from ruamel.yaml import YAML
 
 ROOT = Path(__file__).resolve().parents[1]
 PEERS = ROOT / "docs" / "peers.yaml"
+PAGE = ROOT / "docs" / "results" / "comparison.md"
 SOURCE = r"https://[^\s/]+\.[^\s]+|[\w-]+ \d+(\.\d+)+"  # a page, or a package's version
 
 
-def table(content: Any, features: list[str]) -> str:
-    """Return the table of these features; exit if a cell or the documentation of a peer has no source."""
+def table(content: Any) -> str:
+    """Return the table of all features; exit if a cell or the documentation of a peer has no source."""
     peers, columns = content["peers"], ["flockstep", *content["peers"]]
     sources = {peer: [peers[peer]["documentation"]] for peer in peers}
     lines = [f"| | {' | '.join(columns)} |", f"|{'---|' * (len(columns) + 1)}"]
-    for feature in features:
-        row = content["rows"][feature]
+    for feature, row in content["rows"].items():
         if unknown := set(row) - set(columns):
             sys.exit(f"{PEERS.name}: {feature}: expected one of {', '.join(columns)}, got {unknown}")
         sources |= {f"{feature}, {peer}": cell[1:] for peer, cell in row.items() if peer in peers}
@@ -38,17 +38,14 @@ def table(content: Any, features: list[str]) -> str:
 
 
 def main() -> None:
-    """Write the tables, or compare them."""
-    content = YAML(typ="safe").load(PEERS)
-    for name, features in {"docs/results/comparison.md": [*content["rows"]], "README.md": content["first"]}.items():
-        page = ROOT / name
-        old = page.read_text(encoding="utf-8")
-        before, _, rest = old.partition("<!-- peers -->\n")
-        new = f"{before}<!-- peers -->\n{table(content, features)}\n{rest[rest.index('<!-- /peers -->') :]}"
-        if "--check" not in sys.argv:
-            page.write_text(new, encoding="utf-8")
-        elif new != old:
-            sys.exit(f"{name}: the comparison differs from {PEERS}: run python -m tools.peers_table")
+    """Write the table, or compare it."""
+    old = PAGE.read_text(encoding="utf-8")
+    before, _, rest = old.partition("<!-- peers -->\n")
+    new = f"{before}<!-- peers -->\n{table(YAML(typ='safe').load(PEERS))}\n{rest[rest.index('<!-- /peers -->') :]}"
+    if "--check" not in sys.argv:
+        PAGE.write_text(new, encoding="utf-8")
+    elif new != old:
+        sys.exit(f"{PAGE.name}: the comparison differs from {PEERS}: run python -m tools.peers_table")
 
 
 if __name__ == "__main__":

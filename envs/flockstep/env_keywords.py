@@ -30,14 +30,14 @@ class EnvKeywords(TypedDict, total=False):
     Parameters
     ----------
     drones_per_env
-        Number of drones in each env, M, which share a world. A batch without a task may begin with none.
+        Number of drones in each env, M, which share a world. Without a task it may be 0.
     interaction
         How the drones of an env interact. ``"none"``: not at all. ``"sense"``: LiDARs detect the others' hulls, cameras
-        see their meshes. ``"collide"``: they hit each other with their hulls. ``"both"``: both. Unless ``"none"``, an
-        env has at most 4096 drones.
+        see their meshes. ``"collide"``: their hulls collide. ``"both"``: both. Unless ``"none"``, an env has at most
+        4096 drones.
     num_threads
-        Number of threads, at most four per processor (else with a warning). 0: the physical cores that this process may
-        use. No result depends on it.
+        Number of threads. More than four per CPU give a warning. 0: the physical cores that this process may use. No
+        result depends on it.
     block_size
         Envs that a thread takes at once. 0: the engine chooses. No result depends on it.
     lidar
@@ -46,16 +46,15 @@ class EnvKeywords(TypedDict, total=False):
         The cameras of each drone, with different names. One camera has at most 2^32 pixels over all drones.
     camera_backend
         Renderer of cameras. ``"raycast"``: the engine's own tracing, without a GPU, bit-identical for any number of
-        threads. ``"gl"``: OpenGL 4.5 through EGL, without shadows and fog; if it is missing, raycast with a warning.
+        threads. ``"gl"``: OpenGL 4.5 through EGL, without shadows and fog. If it is missing, raycast with a warning.
         ``"auto"``: raycast.
     tracer
-        Method that traces rays against triangles. ``"auto"``: the fastest for each sensor. ``"slices"``: a slice of the
-        world for every fan (LiDAR channel in a plane). ``"tiles"``: neighbouring rays together, and no slices.
-        ``"embree"``: Embree for all, for comparison.
+        Method that traces rays against triangles. ``"auto"``: the fastest for each sensor. ``"slices"``, ``"tiles"``,
+        ``"embree"``: for comparison.
     pose_sensor
         The pose sensor of each drone.
     imu
-        The IMUs of each drone, with different names; they need simulated rotors.
+        The IMUs of each drone, with different names. They need simulated rotors.
     bodies
         Bodies in every env at an episode's beginning, after those of its world.
     max_bodies
@@ -72,13 +71,13 @@ class EnvKeywords(TypedDict, total=False):
     dynamics
         Motion model of the drones.
     variations
-        What differs from drone to drone, and how it is drawn; needs ``motion="rotors"``. `flockstep.vary` makes the
+        What differs from drone to drone, and how it is drawn. Needs ``motion="rotors"``. `flockstep.vary` makes the
         list.
     airframes
-        Drones whose airframes an episode draws from, instead of that of ``drone``: names, files, or
+        Drones from whose airframes each episode draws one, instead of the one of ``drone``: names, files, or
         ``"random/seed-7"``. Hull and sensors stay those of ``drone``.
     privileged
-        Parameters of the drone at the end of a task's observation, current and minus their defaults: names of fields of
+        Parameters of the drone, minus their defaults, at the end of a task's observation: names of fields of
         `DroneParameters`, or of elements. They need ``variations``. Keep them from the policy by ``critic_only`` of
         `flockstep.PPO`.
 

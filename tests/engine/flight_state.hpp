@@ -96,10 +96,13 @@ inline std::vector<float> flight_commands(Random& random, Control control, std::
   return rows;
 }
 
-// Returns airframes that differ in every number and in the terms they have.
+// Returns quadrotors that differ in every number and in the terms they have.
 inline std::vector<Airframe> different_airframes() {
   std::vector<Airframe> frames;
-  for (const std::string& name : DroneModel::names()) frames.push_back(*DroneModel::load(name).airframe());
+  for (const std::string& name : DroneModel::names()) {
+    const Airframe frame = *DroneModel::load(name).airframe();
+    if (frame.num_rotors() == kMinRotors) frames.push_back(frame);
+  }
   Airframe lifted = frames[0];
   lifted.rotor_lift = 1e-3;
   lifted.linear_drag = {0.1, 0.2, 0.3};

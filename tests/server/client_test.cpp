@@ -327,6 +327,27 @@ TEST(Client, StepsAndRestores) {
   simulation.set_clock(0);
 }
 
+TEST(Client, FliesBySixRotors) {
+  BatchConfig config = rotors();
+  config.airframes = {"f550"};
+  Served served(config);
+  const Connection connection = served.connect();
+  GameModeController simulation(connection);
+  EXPECT_EQ(connection.server().num_rotors, 6);
+  const std::array<float, 6> other{500, 520, 540, 560, 550, 530};
+  std::vector<float> command{600, 590, 580, 570, 560, 550, 500, 510, 520, 530, 540, 550};
+  simulation.fly({.command = command}, 7, "rotor_speeds");
+  served.twin->fly(command, 7, {}, Control::rotor_speeds);
+  simulation.set_command({.command = command}, {}, "rotor_speeds");
+  DroneController(connection, 1).set_command(other, "rotor_speeds");
+  simulation.step();
+  std::ranges::copy(other, command.begin() + 6);
+  served.twin->fly(command, 0, {}, Control::rotor_speeds);
+  EXPECT_TRUE(same_bits(simulation.get_array("position").values<float>("position"), served.twin->state().position));
+  const std::vector<float> four(4, 500.0F);
+  EXPECT_EQ(error_of([&] { simulation.fly({.command = four}, 1, "rotor_speeds"); }).code(), ErrorCode::invalid_argument);
+}
+
 TEST(Client, ReadsWorlds) {
   Served served(kinematic());
   GameModeController simulation(served.connect());

@@ -1,16 +1,18 @@
-// Airframe: mass, rotors and drag of a quadrotor, the coefficients of its flight model.
+// Airframe: mass, rotors and drag of a multirotor, the coefficients of its flight model.
 #pragma once
 
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
+#include <vector>
 
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 
 namespace flockstep {
 
-inline constexpr std::size_t kRotors = 4;  // number of rotors of an airframe
+inline constexpr std::size_t kMinRotors = 4, kMaxRotors = 8;  // number of rotors of an airframe
 
 // Direction in which a rotor turns, seen from above. A counter-clockwise rotor yaws the body clockwise.
 enum class Spin : std::uint8_t { ccw, cw };
@@ -25,8 +27,8 @@ struct Airframe {
 
   double mass_kg = 0.0;
   Triple inertia_kgm2{};
-  std::array<Triple, kRotors> position_m{};
-  std::array<Spin, kRotors> spin{};
+  std::vector<Triple> position_m;
+  std::vector<Spin> spin;
   Triple thrust_n{};
   double torque_ratio_m = 0.0;
   double min_speed_radps = 0.0;
@@ -50,7 +52,8 @@ struct Airframe {
                .unit = "kg m^2",
                .limits = between(1e-12, 1e9)}),
         field("position_m", &C::position_m,
-              {.about = "Position of each hub in the body frame; bundled: front right, rear left, front left, rear right.",
+              {.about = "Position of each of the 4 to 8 hubs in the body frame; bundled quadrotors: front right, rear left, "
+                        "front left, rear right.",
                .unit = "m",
                .limits = within(100),
                .alias = "rotors position_m"}),
@@ -73,17 +76,17 @@ struct Airframe {
                .limits = between(1e-3, 1e5),
                .alias = "rotors max_speed_radps"}),
         field("lag_up_s", &C::lag_up_s,
-              {.about = "Time constant of rising speed; 0: at once.",
+              {.about = "Time constant of rising speed. 0: at once.",
                .unit = "s",
                .limits = between(0, 10),
                .alias = "rotors lag_up_s"}),
         field("lag_down_s", &C::lag_down_s,
-              {.about = "Time constant of falling speed; 0: at once.",
+              {.about = "Time constant of falling speed. 0: at once.",
                .unit = "s",
                .limits = between(0, 10),
                .alias = "rotors lag_down_s"}),
         field("radius_m", &C::radius_m,
-              {.about = "Radius of a rotor's disc; 0: no ground effect and no downwash.",
+              {.about = "Radius of a rotor's disc. 0: no ground effect and no downwash.",
                .unit = "m",
                .limits = between(0, 100),
                .alias = "rotors radius_m"}),
@@ -117,6 +120,7 @@ struct Airframe {
   // Throws std::invalid_argument if the body cannot hover. The message names the field, the expected value and the actual one.
   FLOCKSTEP_API void validate() const;
 
+  std::size_t num_rotors() const { return position_m.size(); }
   FLOCKSTEP_API double thrust_at(double speed_radps) const;         // N, one rotor
   FLOCKSTEP_API double speed_for(double thrust_n) const;            // rad/s, one rotor, within the speed limits
   double max_thrust() const { return thrust_at(max_speed_radps); }  // N, one rotor
@@ -128,6 +132,9 @@ struct Airframe {
   // thrust-to-weight stays the same.
   FLOCKSTEP_API Airframe scaled(double size, double mass) const;
 };
+
+// The largest number of rotors of some airframes; 4 without any.
+FLOCKSTEP_API std::size_t most_rotors(std::span<const Airframe> airframes);
 
 inline constexpr double kGravity = 9.81;  // m/s^2
 

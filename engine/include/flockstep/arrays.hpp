@@ -63,10 +63,11 @@ enum class Per : std::uint8_t {
   term,   // terms of the reward
   ray,    // rays of a LiDAR
   pixel,  // pixels of a camera image
+  rotor,  // rotors of a drone
 };
 template <>
 struct EnumNames<Per> {
-  static constexpr std::array kNames{"", "terms", "channels, beams", "height, width"};
+  static constexpr std::array kNames{"", "terms", "channels, beams", "height, width", "rotors"};
 };
 
 // Description of an array in a list.
@@ -105,6 +106,7 @@ struct ArraySizes {
   std::size_t num_terms = 0;      // terms of the reward
   std::size_t num_rays = 0;       // rays of a LiDAR, of one drone
   std::size_t num_pixels = 0;     // pixels of a camera's image
+  std::size_t num_rotors = 0;     // of the drones, the largest number
 
   // Returns the number of rows of this kind.
   std::size_t rows(Rows of) const {
@@ -115,6 +117,7 @@ struct ArraySizes {
     const std::size_t items = info.per == Per::term    ? num_terms
                               : info.per == Per::ray   ? num_rays
                               : info.per == Per::pixel ? num_pixels
+                              : info.per == Per::rotor ? num_rotors
                                                        : 1;
     return items * (info.columns == 0 ? 1 : static_cast<std::size_t>(info.columns));
   }
@@ -144,7 +147,7 @@ void allocate(T& arrays, const ArraySizes& sizes) {
   for_each_listed(arrays, [&](const auto& entry, auto& values) { allocate(entry, values, sizes); });
 }
 
-// Shape of the items of a row: terms, channels x beams, or height x width.
+// Shape of the items of a row: terms, channels x beams, height x width, or rotors.
 struct ItemShape {
   std::array<std::int64_t, 2> sizes{1, 1};  // number of items along each dimension
   std::size_t dimensions = 0;               // number of dimensions, 0 to 2

@@ -58,7 +58,7 @@ struct Outputs {
         field("observation", &C::observation), field("final_observation", &C::final_observation),
         array("reward", &C::reward, number("reward of the last step", Per::row, Access::write)),
         array("reward_terms", &C::reward_terms,
-              number("reward terms, in the order of the spec; they add up to `reward`", Per::term)),
+              number("reward terms, in the order of the spec. Their sum is `reward`", Per::term)),
         array("terminated", &C::terminated,
               flag("True if the last step ended the episode in a terminal state, such as a crash or the goal")),
         array("truncated", &C::truncated, flag("True if the last step cut the episode off, for example at the time limit")),
@@ -67,9 +67,9 @@ struct Outputs {
               flag("True if the last step ended the episode while a drone was in contact with something")),
         array("bad_state", &C::bad_state,
               flag("True if the last step ended the episode because a number was not finite or a pose was out of bounds")),
-        array("episode_end", &C::episode_end, number("reason for the end of the episode, an `EpisodeEnd`; 0 until it ends")),
+        array("episode_end", &C::episode_end, number("reason for the end of the episode, an `EpisodeEnd`, 0 until it ends")),
         array("episode_return", &C::episode_return,
-              number("sum of the rewards of the episode that the last step ended, otherwise of the current episode")),
+              number("sum of the rewards of the current episode, or of the one that the last step ended")),
         array("episode_terms", &C::episode_terms,
               number("sum of each reward term, over the same episode as `episode_return`", Per::term)),
         array("episode_length", &C::episode_length,
@@ -126,9 +126,15 @@ class FLOCKSTEP_API Batch {
   // The same in its own light, without a copy of the pointer: valid until the env changes its world.
   const World& unlit_world_of(EnvIndex env) const;
   const DroneModel& drone() const;  // body and flight model of all drones
-  int num_threads() const;          // actual number, also if num_threads = 0
-  EmbreeCounts embree() const;      // rays against triangles since the batch was made
-  const State& state() const;       // poses, contacts and clocks; valid until the batch is destroyed or grows, see ServedBatch
+  // Columns of rotor speeds: 4, or the largest number of rotors of an airframe. A drone that has fewer reads 0 in the others and
+  // ignores what is given for them.
+  std::size_t num_rotors() const;
+  std::size_t num_rotors(DroneIndex drone) const;  // of one drone; the index is not checked
+  // Numbers of a drone's command: one for each rotor if the control tells rotors, otherwise 4. By default the batch's control.
+  std::size_t command_size(std::optional<Control> control = {}) const;
+  int num_threads() const;      // actual number, also if num_threads = 0
+  EmbreeCounts embree() const;  // rays against triangles since the batch was made
+  const State& state() const;   // poses, contacts and clocks; valid until the batch is destroyed or grows, see ServedBatch
 
   // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span leaves the value unchanged
   // Places drones without a collision check, at rest. Without quaternions, drones with rotors are level and face +x.
@@ -138,7 +144,7 @@ class FLOCKSTEP_API Batch {
   void move(std::span<const float> position, std::span<const float> quat_wxyz,
             DroneMask mask = {});  // with collision check; sets state().contact
   // Rotor motion only: velocities (N, 3) in m/s, world frame; angular velocities (N, 3) in rad/s, body frame; rotor speeds (N,
-  // 4) in rad/s. After set_pose() a drone is at rest with its rotors at hover speed.
+  // num_rotors()) in rad/s. After set_pose() a drone is at rest with its rotors at hover speed.
   void set_velocity(std::span<const float> velocity, std::span<const float> angular_velocity, std::span<const float> rotor_speed,
                     DroneMask mask = {});
   // The same for some drones: their indices (K,), and K rows of each array.
@@ -150,11 +156,11 @@ class FLOCKSTEP_API Batch {
   // Replaces the laws of the variations for the next draws, which is how a curriculum makes them harder. The list has to be about
   // the same parameters as before, without longer delays.
   void set_variations(const std::vector<Variation>& variations);
-  // Flies a command (N, 4) for a number of ticks in [0, 1000000]; 0 means one step. control: the meaning of this command, by
-  // default config().dynamics.control; not Control::pose. Rotor motion only; use move() for kinematic motion.
+  // Flies a command (N, command_size(control)) for a number of ticks in [0, 1000000]; 0 means one step. control: the meaning of
+  // this command, by default config().dynamics.control; not Control::pose. Rotor motion only; use move() for kinematic motion.
   void fly(std::span<const float> command, int ticks = 0, DroneMask mask = {}, std::optional<Control> control = {});
   void require_command(std::span<const float> command, std::optional<Control> control = {}) const;  // as fly() checks it
-  // Rotor motion only: what a flight changes, (N, kFlownNumbers): position, velocity, quaternion wxyz, angular velocity, integral
+  // Quadrotors only: what a flight changes, (N, kFlownNumbers): position, velocity, quaternion wxyz, angular velocity, integral
   // of the velocity error, rotor speeds, last commanded rotor speeds, in the units of state().
   void flown(std::span<float> out) const;
   // Puts drones whose row differs into this state, without a collision check.

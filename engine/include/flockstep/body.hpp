@@ -77,31 +77,31 @@ struct BodyMotion {
                .unit = "m",
                .limits = within(kMaxCoordinate)}),
         field("route", &C::route,
-              {.about = "After the last of ``\"waypoints\"``: ``\"loop\"`` goes to the first, ``\"back_and_forth\"`` returns the "
-                        "same way, ``\"once\"`` stays."}),
+              {.about = "After the last of ``\"waypoints\"``: ``\"loop\"`` goes to the first, ``\"back_and_forth\"`` returns "
+                        "along the same path, ``\"once\"`` stays."}),
         field("speed_mps", &C::speed_mps, {.about = "Speed along the points.", .unit = "m/s", .limits = between(0, 1e4)}),
         field("corner_radius_m", &C::corner_radius_m,
               {.about = "Radius of arcs that round the corners of ``\"waypoints\"``, smaller between short legs.",
                .unit = "m",
                .limits = between(0, kMaxCoordinate)}),
         field("faces_travel", &C::faces_travel,
-              {.about = "Turns the body about z along ``\"waypoints\"``, so that its x axis points ahead; at a corner without a "
-                        "radius at once."}),
+              {.about = "Turns the body about z along ``\"waypoints\"``, so that its x axis points ahead. At a corner without a "
+                        "radius it turns at once."}),
         field("center_m", &C::center_m,
               {.about = "A point of the axis of ``\"orbit\"`` and ``\"hinge\"``, world frame.",
                .unit = "m",
                .limits = within(kMaxCoordinate)}),
         field("axis", &C::axis,
-              {.about = "Direction of the axis of ``\"orbit\"`` and ``\"hinge\"``, world frame, at least 1e-6 long; turns are "
+              {.about = "Direction of the axis of ``\"orbit\"`` and ``\"hinge\"``, world frame, at least 1e-6 long. Turns are "
                         "counter-clockwise.",
                .limits = within(kMaxCoordinate)}),
         field("period_s", &C::period_s,
-              {.about = "Time of one turn, of a swing there and back, or of one way of a random walk.",
+              {.about = "Time of one turn, of a swing there and back, or of one segment of a random walk.",
                .unit = "s",
                .limits = between(1e-3, 1e6)}),
         field("angle_deg", &C::angle_deg, {.about = "Widest angle of a hinge.", .unit = "deg", .limits = within(360)}),
         field("travel_m", &C::travel_m,
-              {.about = "Way of a slider, world frame.", .unit = "m", .limits = within(kMaxCoordinate)}),
+              {.about = "Displacement of a slider to its far end, world frame.", .unit = "m", .limits = within(kMaxCoordinate)}),
         field("box_min_m", &C::box_min_m,
               {.about = "Lower corner of the box of a random walk, world frame.", .unit = "m", .limits = within(kMaxCoordinate)}),
         field("box_max_m", &C::box_max_m, {.about = "Upper corner of that box.", .unit = "m", .limits = within(kMaxCoordinate)}),
@@ -140,18 +140,18 @@ struct BodyConfig {
   static constexpr auto fields() {
     using C = BodyConfig;
     return field_list(
-        field("name", &C::name, {.about = "Name in messages; several bodies may share it.", .form = Form::plain_name}),
+        field("name", &C::name, {.about = "Name in messages. Several bodies may share it.", .form = Form::plain_name}),
         field("shape", &C::shape,
               {.about = "Cylinders and capsules stand along z. Sensors detect the triangles of a ``\"mesh\"``, drones hit the "
                         "convex hull of each of its objects."}),
         field("size_m", &C::size_m,
-              {.about = "Sizes along x, y and z. A cylinder or a capsule has equal x and y, its diameter, a sphere three equal "
-                        "sizes; a capsule's z, with its caps, is at least its diameter. Not for a mesh.",
+              {.about = "Sizes along x, y and z. A cylinder or a capsule has equal x and y, and a capsule's z includes its caps. "
+                        "A sphere has equal sizes. Not for a mesh.",
                .unit = "m",
                .limits = between(1e-3, 1e5)}),
         field("mesh", &C::mesh,
-              {.about = "World whose triangles, materials and textures make up the ``\"mesh\"``, in the body's frame. It has no "
-                        "primitives and no bodies; its markers and light are ignored."}),
+              {.about = "World whose triangles, materials and textures make up the ``\"mesh\"``, in the body's frame. It must "
+                        "have no primitives and no bodies."}),
         field("position_m", &C::position_m,
               {.about = "Position of the centre, or of a mesh's origin, when an episode begins, world frame.",
                .unit = "m",
@@ -162,7 +162,7 @@ struct BodyConfig {
         field("color", &C::color,
               {.about = "Base colour, linear RGB. A mesh has the colours of its materials.", .limits = between(0, 1)}),
         field("semantic", &C::semantic,
-              {.about = "Semantic id in camera images; 0: 65532.", .limits = between(0, kSemanticBody)}),
+              {.about = "Semantic id in camera images. 0: 65532.", .limits = between(0, kSemanticBody)}),
         field("visibility", &C::visibility,
               {.about = "``\"full\"``: sensors see it and drones hit it. ``\"visual\"``: only sensors. ``\"solid\"``: only "
                         "drones."}));

@@ -28,7 +28,7 @@ struct ColorRange {
         field(
             "space", &C::space,
             {.about = "Channels, 8 bits each, of a pixel as written. ``\"rgb\"``: red, green, blue. ``\"hsv\"``: hue in [0, "
-                      "179], half of the degrees (red 0, green 60, blue 120); saturation and value in [0, 255]. ``\"excess\"``: "
+                      "179], half of the degrees (red 0, green 60, blue 120), saturation and value in [0, 255]. ``\"excess\"``: "
                       "by how much red, green and blue each exceed 1.25 times the larger of the other two, rounded up, at least "
                       "0. It finds a hue in most light, which scales the channels equally: ``low=(17, 0, 0)`` is red."}),
         field("low", &C::low, {.about = "Minimum of each channel.", .limits = between(0, 255)}),

@@ -62,22 +62,22 @@ struct BatchConfig {
     using C = BatchConfig;
     return field_list(
         field("num_envs", &C::num_envs,
-              {.about = "Number of envs, E, with at most 1048576 drones in all. A batch without a task may begin with none; "
-                        "every drone that it spawns then has its own env.",
+              {.about = "Number of envs, E, with at most 1048576 drones in all. Without a task it may be 0: every drone that the "
+                        "batch spawns then has its own env.",
                .limits = between(0, kMaxDrones)}),
         field("drones_per_env", &C::drones_per_env,
-              {.about = "Number of drones in each env, M, which share a world. A batch without a task may begin with none.",
+              {.about = "Number of drones in each env, M, which share a world. Without a task it may be 0.",
                .limits = between(0, kMaxDrones)}),
         field("interaction", &C::interaction,
               {.about = "How the drones of an env interact. ``\"none\"``: not at all. ``\"sense\"``: LiDARs detect the others' "
-                        "hulls, cameras see their meshes. ``\"collide\"``: they hit each other with their hulls. ``\"both\"``: "
-                        "both. Unless ``\"none\"``, an env has at most 4096 drones."}),
+                        "hulls, cameras see their meshes. ``\"collide\"``: their hulls collide. ``\"both\"``: both. Unless "
+                        "``\"none\"``, an env has at most 4096 drones."}),
         field("drone_mesh", &C::drone_mesh,
-              {.about = "World whose triangles, materials and textures show the drones to other drones' cameras, in the body "
-                        "frame, like the mesh of a `BodyConfig`. Needs ``interaction`` ``\"sense\"`` or ``\"both\"``. None: "
+              {.about = "World whose triangles show the drones to other drones' cameras, like the mesh of a `BodyConfig`. Needs "
+                        "``interaction`` ``\"sense\"`` or ``\"both\"``. None: "
                         "their hull, in grey."}),
         field("num_threads", &C::num_threads,
-              {.about = "Number of threads, at most four per processor (else with a warning). 0: the physical cores that this "
+              {.about = "Number of threads. More than four per CPU give a warning. 0: the physical cores that this "
                         "process may use. No result depends on it.",
                .limits = between(0, 4096),
                .affects_hash = AffectsHash::no}),
@@ -90,15 +90,14 @@ struct BatchConfig {
               {.about = "The cameras of each drone, with different names. One camera has at most 2^32 pixels over all drones."}),
         field("camera_backend", &C::camera_backend,
               {.about = "Renderer of cameras. ``\"raycast\"``: the engine's own tracing, without a GPU, bit-identical for any "
-                        "number of threads. ``\"gl\"``: OpenGL 4.5 through EGL, without shadows and fog; if it is missing, "
+                        "number of threads. ``\"gl\"``: OpenGL 4.5 through EGL, without shadows and fog. If it is missing, "
                         "raycast with a warning. ``\"auto\"``: raycast.",
                .affects_hash = AffectsHash::no}),
         field("tracer", &C::tracer,
-              {.about = "Method that traces rays against triangles. ``\"auto\"``: the fastest for each sensor. ``\"slices\"``: a "
-                        "slice of the world for every fan (LiDAR channel in a plane). ``\"tiles\"``: neighbouring rays together, "
-                        "and no slices. ``\"embree\"``: Embree for all, for comparison."}),
+              {.about = "Method that traces rays against triangles. ``\"auto\"``: the fastest for each sensor. ``\"slices\"``, "
+                        "``\"tiles\"``, ``\"embree\"``: for comparison."}),
         field("pose_sensor", &C::pose_sensor, {.about = "The pose sensor of each drone."}),
-        field("imus", &C::imus, {.about = "The IMUs of each drone, with different names; they need simulated rotors."}),
+        field("imus", &C::imus, {.about = "The IMUs of each drone, with different names. They need simulated rotors."}),
         field("bodies", &C::bodies, {.about = "Bodies in every env at an episode's beginning, after those of its world."}),
         field("max_bodies", &C::max_bodies,
               {.about = "Slots for bodies in each env, B. Free ones are for ``batch.bodies.spawn()``. 0: as many as an episode "
@@ -111,14 +110,14 @@ struct BatchConfig {
         field("clock", &C::clock, {.about = "Rates of policy, controller and physics."}),
         field("dynamics", &C::dynamics, {.about = "Motion model of the drones."}),
         field("variations", &C::variations,
-              {.about = "What differs from drone to drone, and how it is drawn; needs ``motion=\"rotors\"``. `flockstep.vary` "
+              {.about = "What differs from drone to drone, and how it is drawn. Needs ``motion=\"rotors\"``. `flockstep.vary` "
                         "makes the list."}),
         field("airframes", &C::airframes,
-              {.about = "Drones whose airframes an episode draws from, instead of that of ``drone``: names, files, or "
+              {.about = "Drones from whose airframes each episode draws one, instead of the one of ``drone``: names, files, or "
                         "``\"random/seed-7\"``. Hull and sensors stay those of ``drone``."}),
         field("privileged", &C::privileged,
-              {.about = "Parameters of the drone at the end of a task's observation, current and minus their defaults: names of "
-                        "fields of `DroneParameters`, or of elements. They need ``variations``. Keep them from the policy by "
+              {.about = "Parameters of the drone, minus their defaults, at the end of a task's observation: names of fields of "
+                        "`DroneParameters`, or of elements. They need ``variations``. Keep them from the policy by "
                         "``critic_only`` of `flockstep.PPO`."}));
   }
 

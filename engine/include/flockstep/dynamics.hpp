@@ -19,8 +19,9 @@ struct EnumNames<Motion> {
   static constexpr std::array kNames{"kinematic", "rotors"};
 };
 
-// Meaning of the four numbers that command a drone in rotor motion. Thrust is the total thrust of all rotors divided by the
-// mass. Yaw is the heading of the body's x axis: 0 along the world's x axis, counter-clockwise positive.
+// Meaning of the numbers that command a drone in rotor motion: one for each rotor, or else four. Thrust is the total thrust of
+// all rotors divided by the mass. Yaw is the heading of the body's x axis: 0 along the world's x axis, counter-clockwise
+// positive.
 enum class Control : std::uint8_t {
   pose,              // pose at the end of the step, as in kinematic motion; flown as a velocity and a yaw rate
   rotor_speeds,      // rad/s, each rotor
@@ -37,6 +38,9 @@ struct EnumNames<Control> {
   static constexpr std::array kNames{"pose",         "rotor_speeds", "rotor_thrusts",    "body_rates", "attitude",
                                      "acceleration", "velocity",     "heading_velocity", "position"};
 };
+
+// True if commands are for single rotors, without the controller.
+constexpr bool tells_rotors(Control control) { return control == Control::rotor_speeds || control == Control::rotor_thrusts; }
 
 // Method for the equations of motion.
 enum class Integrator : std::uint8_t { automatic, midpoint, rk4 };
@@ -79,8 +83,8 @@ struct DynamicsConfig {
     using C = DynamicsConfig;
     return field_list(
         field("motion", &C::motion,
-              {.about = "``\"kinematic\"``: straight to the setpoint. ``\"rotors\"``: by simulated forces; needs an airframe."}),
-        field("control", &C::control, {.about = "Meaning of commands; kinematic motion takes only ``\"pose\"``."}),
+              {.about = "``\"kinematic\"``: straight to the setpoint. ``\"rotors\"``: by simulated forces, with an airframe."}),
+        field("control", &C::control, {.about = "Meaning of commands. Kinematic motion supports only ``\"pose\"``."}),
         field("integrator", &C::integrator,
               {.about = "``\"midpoint\"``: second order, with rotor speeds and attitude in closed form. ``\"rk4\"``: fourth "
                         "order. ``\"automatic\"``: rk4 if ``control`` is rotor speeds or thrusts and a tick is at most twice the "
@@ -97,10 +101,9 @@ struct DynamicsConfig {
         field("gyroscopic", &C::gyroscopic, {.about = "Gyroscopic torques of the rotors on a turning body."}),
         field("ground_effect", &C::ground_effect, {.about = "More thrust near surfaces below."}),
         field("downwash", &C::downwash,
-              {.about = "Less thrust in the wash of other drones of the env; independent of ``interaction``."}),
-        field("controller", &C::controller,
-              {.about = "Gains, limits and lag of the flight controller; by default they follow from the rotors' lag."}),
-        field("wind", &C::wind, {.about = "Wind; none by default."}),
+              {.about = "Less thrust in the wash of other drones of the env, for any ``interaction``."}),
+        field("controller", &C::controller, {.about = "Gains, limits and lag of the flight controller."}),
+        field("wind", &C::wind, {.about = "Wind, by default none."}),
         field("max_speed_mps", &C::max_speed_mps, {.about = "Speed limit of the controller.", .unit = "m/s", .limits = above(0)}),
         field("max_acceleration_mps2", &C::max_acceleration_mps2,
               {.about = "Acceleration limit of the controller.", .unit = "m/s^2", .limits = above(0)}),
@@ -116,7 +119,7 @@ struct DynamicsConfig {
 
   bool is_kinematic() const { return motion == Motion::kinematic; }  // true if drones move straight to their setpoints
   bool tells_rotors() const {
-    return control == Control::rotor_speeds || control == Control::rotor_thrusts;
+    return flockstep::tells_rotors(control);
   }  // true if commands are for single rotors, without the controller
 };
 

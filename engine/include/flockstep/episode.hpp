@@ -53,20 +53,19 @@ struct EpisodeConfig {
     using C = EpisodeConfig;
     return field_list(
         field("autoreset_mode", &C::autoreset_mode,
-              {.about = "As `gymnasium.vector.AutoresetMode`. ``\"next_step\"``: the step after an episode's last one ignores "
-                        "the action and returns the reset observation, reward 0 and flags False. ``\"same_step\"``: the last "
-                        "step returns it, and its own is the final observation. ``\"disabled\"``: the caller resets with a mask, "
-                        "and a finished env waits."}),
+              {.about = "When the next episode begins, as `gymnasium.vector.AutoresetMode`. ``\"next_step\"``: in the next step, "
+                        "which ignores the action. ``\"same_step\"``: in the step that ends the episode. ``\"disabled\"``: when "
+                        "the caller resets with a mask."}),
         field("episodes", &C::episodes,
-              {.about = "Episodes of an env's drones, if each has a row. ``\"team\"``: begin and end together; if one ends, the "
-                        "others are truncated. ``\"each\"``: a drone begins its next one alone. ``\"last\"``: begin together; a "
-                        "drone that ends is inactive until all have ended."}),
+              {.about = "Episodes of an env's drones, if each is an agent. ``\"team\"``: all begin and end together. "
+                        "``\"each\"``: each begins and ends by itself. ``\"last\"``: all begin together, and a drone that ends "
+                        "is inactive until all have ended."}),
         field("max_episode_steps", &C::max_episode_steps,
               {.about = "Time limit in control steps, after which episodes are truncated. 0: no limit. None: the task's.",
                .limits = at_least(0)}),
         field("frame_skip", &C::frame_skip,
               {.about = "`Batch.step` repeats its action this many times, or until the episode ends, and sums the reward. "
-                        "Cameras capture only after the last one. Step counts are in control steps.",
+                        "Cameras capture only after the last one.",
                .limits = between(1, 1000)}),
         field("stagger_first_episode", &C::stagger_first_episode,
               {.about = "Spread the first time limits over [1, max_episode_steps], by seed, so that not all first episodes end "
@@ -92,8 +91,8 @@ struct ClockConfig {
             "policy_hz", &C::policy_hz,
             {.about = "Control steps, and decisions of the policy, per second.", .unit = "Hz", .limits = between(0.001, 100000)}),
         field("physics_hz", &C::physics_hz,
-              {.about = "Ticks per second, 1 to 1000 per control step. None: one per control step; for simulated rotors, which "
-                        "need at least 50 Hz, as many as give 500 Hz or more.",
+              {.about = "Ticks per second, 1 to 1000 per control step. Simulated rotors need at least 50 Hz. None: one per "
+                        "control step, for simulated rotors as many as give 500 Hz or more.",
                .unit = "Hz",
                .limits = above(0)}),
         field("controller_hz", &C::controller_hz,

@@ -147,7 +147,7 @@ struct WarehouseConfig {
         field("size_m", &C::size_m,
               {.about = "Size along x, across the rows of racks, and along y.", .unit = "m", .each = kSizes}),
         field("height_m", &C::height_m,
-              {.about = "Height of the eaves; at most five pallets stand above each other.",
+              {.about = "Height of the eaves. At most five pallets stand above each other.",
                .unit = "m",
                .limits = between(5, 20)}),
         field("waypoints", &C::waypoints, {.about = "Waypoints at each turn of the path."}),

@@ -86,7 +86,7 @@ struct UpdateConfig {
     return field_list(
         field("learning_rate", &C::learning_rate, {.about = "Step size of Adam.", .limits = at_least(0)}),
         field("batch_size", &C::batch_size,
-              {.about = "Steps in a minibatch; a rollout has n_steps of each row.", .limits = between(1, 1 << 30)}),
+              {.about = "Steps in a minibatch. A rollout has n_steps of each agent.", .limits = between(1, 1 << 30)}),
         field("n_epochs", &C::n_epochs, {.about = "Passes over the rollout.", .limits = between(1, 10'000)}),
         field("clip_range", &C::clip_range,
               {.about = "The ratio of probabilities is clipped to [1 - clip_range, 1 + clip_range].", .limits = at_least(0)}),
@@ -132,7 +132,7 @@ struct UpdateReport {
         field("loss", &C::loss, {.about = "Loss of the last minibatch."}),
         field("explained_variance", &C::explained_variance,
               {.about = "Share of the variance of the returns that the values of the rollout explain."}),
-        field("std", &C::std, {.about = "Mean standard deviation of the actions, after the update; 0 for discrete actions."}),
+        field("std", &C::std, {.about = "Mean standard deviation of the actions, after the update, 0 for discrete actions."}),
         field("epochs", &C::epochs, {.about = "Number of epochs begun."}),
         field("stopped_early", &C::stopped_early, {.about = "True if ``target_kl`` ended the update."}),
         field("is_finite", &C::is_finite,
@@ -165,6 +165,7 @@ struct GradientConfig {
   FLOCKSTEP_API void validate() const;
 };
 
+// Results of such an update.
 struct GradientReport {
   double loss = 0.0;
   double gradient_norm = 0.0;
@@ -175,12 +176,12 @@ struct GradientReport {
   // flockstep.APG logs each number of type double by its name.
   static constexpr auto fields() {
     using C = GradientReport;
-    return field_list(field("loss", &C::loss, {.about = "Mean loss of a step."}),
-                      field("gradient_norm", &C::gradient_norm, {.about = "Norm of the gradient before it was limited."}),
-                      field("episodes", &C::episodes, {.about = "Episodes that ended in the window."}),
-                      field("successes", &C::successes, {.about = "Successful ones."}),
-                      field("is_finite", &C::is_finite,
-                            {.about = "False if the gradient was not finite: the parameters are then as before."}));
+    return field_list(
+        field("loss", &C::loss, {.about = "Mean loss of a step."}),
+        field("gradient_norm", &C::gradient_norm, {.about = "Norm of the gradient before it was limited."}),
+        field("episodes", &C::episodes, {.about = "Episodes that ended in the window."}),
+        field("successes", &C::successes, {.about = "Successful ones."}),
+        field("is_finite", &C::is_finite, {.about = "False if the gradient was not finite: the parameters are then as before."}));
   }
 };
 
@@ -313,7 +314,7 @@ class FLOCKSTEP_API Learner {
   // order: indices t * R + r of the rollout in the order of the minibatches, for each epoch; empty: drawn.
   UpdateReport update(const UpdateConfig& config, std::span<const std::int64_t> order = {});
   // Flies a window of steps with the likeliest actions and learns from the derivatives of the task's loss through the flight. The
-  // task is Hover, Track or Race. Throws std::invalid_argument, naming it, for what has no derivative.
+  // task is a flight task of the engine that has such a loss. Throws std::invalid_argument that names what has no derivative.
   GradientReport learn_window(const GradientConfig& config, Batch& batch);
   // The gradient of the last window, in the order of the parameters, not limited.
   std::vector<float> window_gradient() const;

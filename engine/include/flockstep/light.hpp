@@ -39,9 +39,7 @@ struct Light {
     using C = Light;
     return field_list(
         field("sun_direction", &C::sun_direction,
-              {.about = "Direction towards the sun; it need not be normalised.",
-               .limits = within(kMaxCoordinate),
-               .form = Form::direction}),
+              {.about = "Direction towards the sun, of any length.", .limits = within(kMaxCoordinate), .form = Form::direction}),
         field("sun_color", &C::sun_color, {.about = "Linear RGB of the sun's light.", .limits = kBrightness}),
         field("sky_ambient", &C::sky_ambient, {.about = "Linear RGB of the light from above.", .limits = kBrightness}),
         field("ground_ambient", &C::ground_ambient, {.about = "Linear RGB of the light from below.", .limits = kBrightness}),
@@ -50,14 +48,14 @@ struct Light {
               {.about = "Linear RGB of the sky at the horizon and below.", .limits = kBrightness}),
         field("gamma", &C::gamma, {.about = "A value v is written as 255 * min(v, 1)^(1 / gamma).", .limits = between(1.0, 4.0)}),
         field("sun_radius_deg", &C::sun_radius_deg,
-              {.about = "Radius of the sun's disc; 0: no disc. The real sun's is 0.27.",
+              {.about = "Radius of the sun's disc. 0: no disc. The real sun's is 0.27.",
                .unit = "deg",
                .limits = zero_or_between(0.1, 45.0)}),  // float32 directions can resolve 0.1
         field("sun_glow", &C::sun_glow,
               {.about = "Share of the sun's colour in the sky next to it. It falls to half at 5.7 degrees.",
                .limits = between(0.0, 1.0)}),
         field("fog_visibility_m", &C::fog_visibility_m,
-              {.about = "Distance at which fog leaves 2 % of a surface's contrast to the sky; 0: no fog.",
+              {.about = "Distance at which fog leaves 2 % of a surface's contrast to the sky. 0: no fog.",
                .unit = "m",
                .limits = zero_or_between(0.1, 1e6)}));
   }

@@ -115,6 +115,9 @@ class TaskContext {
   virtual const ClockConfig& clock() const = 0;  // rates
   // The airframes of the drones: one unless BatchConfig::airframes has several, none in kinematic motion.
   virtual std::span<const Airframe> airframes() const = 0;
+  std::size_t num_rotors() const { return most_rotors(airframes()); }  // columns of FlightState::rotor_speed
+  // Numbers of a drone's command, C: one for each rotor, or else 4.
+  std::size_t command_size() const { return dynamics().tells_rotors() ? num_rotors() : 4; }
   // The row of a drone's airframe, from which its own parameters may differ; see DroneParameters.
   virtual std::size_t airframe_row(DroneIndex drone) const = 0;
 
@@ -151,8 +154,9 @@ struct TaskBlock {
 // about the vector part of conjugate(from) * to, so a target quaternion of the opposite sign turns it the other way. If the
 // direction matters, turn in two steps.
 struct Setpoints {
-  std::vector<Pose> target;    // (N,), used with Control::pose
-  std::vector<float> command;  // (N, 4), used with every other Control, which gives the meaning of the numbers
+  std::vector<Pose> target;  // (N,), used with Control::pose
+  std::vector<float>
+      command;  // (N, C), used with every other Control, which gives the meaning of the numbers; see command_size()
 };
 
 // Score of one control step. R rows are N or E, depending on TaskSpec::row. If the episode of one row ends,
@@ -228,7 +232,7 @@ class Task {
 // Version of the binary interface between a task library and the engine. Increase it if a change to a header that this file
 // includes changes a layout, a virtual function or the meaning of a value; tests/python/project/test_compatibility.py notices
 // changes.
-#define FLOCKSTEP_TASK_FORMAT 6
+#define FLOCKSTEP_TASK_FORMAT 7
 
 // Version string on which a task library and the engine that loads it must agree: the interface and the layout of Eigen's types,
 // which options such as -march=native change.

@@ -93,8 +93,9 @@ void put_velocity(Simulation& sim, DroneIndex drone, std::size_t row, std::span<
   FlightState& flight = sim.state.flight;
   put(velocity, flight.velocity, 3);
   put(angular_velocity, flight.angular_velocity, 3);
-  put(rotor_speed, flight.rotor_speed, kRotors);
-  put(rotor_speed, flight.rotor_command, kRotors);
+  put(rotor_speed, flight.rotor_speed, sim.fleet->num_rotors());
+  put(rotor_speed, flight.rotor_command, sim.fleet->num_rotors());
+  sim.fleet->clear_absent_rotors(sim.state, drone);
 }
 
 // Deactivates a drone and sets its readings and outputs to those of an absent one.
@@ -165,6 +166,13 @@ const Batch::Worlds& Batch::worlds() const {
 const World& Batch::unlit_world_of(EnvIndex env) const { return *sim_->world_pointers[sim_->slot_of(env)]; }
 std::shared_ptr<const World> Batch::world_of(EnvIndex env) const { return sim_->lights.world(env, sim_->slot_of(env)); }
 const DroneModel& Batch::drone() const { return sim_->drone_model; }
+std::size_t Batch::num_rotors() const { return sim_->fleet ? sim_->fleet->num_rotors() : kMinRotors; }
+std::size_t Batch::num_rotors(DroneIndex drone) const {
+  return sim_->fleet ? sim_->fleet->airframe_of(drone).num_rotors() : kMinRotors;
+}
+std::size_t Batch::command_size(std::optional<Control> control) const {
+  return tells_rotors(control.value_or(config().dynamics.control)) ? num_rotors() : 4;
+}
 int Batch::num_threads() const { return sim_->workers.num_threads(); }
 EmbreeCounts Batch::embree() const { return {.rays = sim_->embree_use().rays, .packets = sim_->embree_use().packets}; }
 const State& Batch::state() const { return sim_->state; }
@@ -263,7 +271,7 @@ void Batch::set_variations(const std::vector<Variation>& variations) {
   checks::not_stepping(*sim_, "set_variations");
   require(sim_->fleet && sim_->fleet->has_parameters(), "set_variations", "a batch with variations", "one without");
   for (const Variation& variation : variations) variation.validate();
-  sim_->fleet->set_variations(dynamics::Variations(variations, sim_->fleet->airframes.size(), sim_->fleet->clock));
+  sim_->fleet->set_variations(dynamics::Variations(variations, sim_->fleet->airframes, sim_->fleet->clock));
   sim_->config.variations = variations;
 }
 

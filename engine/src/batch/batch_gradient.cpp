@@ -23,11 +23,17 @@ void check_finite(std::span<const float> rows, std::size_t columns, std::string_
   }
 }
 
+void check_quadrotors(const Simulation& sim, std::string_view call) {
+  checks::flies_by_rotors(sim, call);
+  require(sim.fleet->num_rotors() == dynamics::kRotors, "drone", "quadrotors, whose flight has derivatives",
+          "one with " + std::to_string(sim.fleet->num_rotors()) + " rotors");
+}
+
 }  // namespace
 
 void Batch::flown(std::span<float> out) const {
   const CallGuard guard(*lock_);
-  checks::flies_by_rotors(*sim_, "flown");
+  check_quadrotors(*sim_, "flown");
   checks::size(out.size(), kFlownNumbers * sim_->num_drones(), "out");
   dynamics::for_each_flown(sim_->state, [&](const std::vector<float>& array, std::size_t first, std::size_t columns) {
     for (std::size_t drone = 0; drone < sim_->num_drones(); ++drone) {
@@ -40,7 +46,7 @@ void Batch::set_flown(std::span<const float> rows) {
   const CallGuard guard(*lock_);
   const std::size_t count = sim_->num_drones();
   checks::not_stepping(*sim_, "set_flown");
-  checks::flies_by_rotors(*sim_, "set_flown");
+  check_quadrotors(*sim_, "set_flown");
   checks::size(rows.size(), kFlownNumbers * count, "flown");
   std::array<std::vector<float>, 7> parts;  // in the order of the arrays
   auto part = parts.begin();
@@ -77,7 +83,7 @@ void Batch::pullback(std::span<const float> before, std::span<const float> comma
   const CallGuard guard(*lock_);
   Simulation& sim = *sim_;
   const std::size_t count = sim.num_drones();
-  checks::flies_by_rotors(sim, "pullback");
+  check_quadrotors(sim, "pullback");
   require(ticks >= 1 && ticks <= 1000, "ticks", "an integer in [1, 1000]", ticks);
   checks::size(before.size(), kFlown * count, "before");
   checks::size(command.size(), 4 * count, "command");

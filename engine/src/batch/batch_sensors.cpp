@@ -279,8 +279,9 @@ std::vector<std::uint8_t> Batch::Camera::picture(DroneIndex drone) const {
   std::vector<std::uint8_t> rgb = batch_->sim_->cameras.rgb(index_, drone);
   const FlagArray& beams = batch_->sim_->move_lines.flags().beams_visible;
   if (!batch_->sim_->move_lines.is_any_visible() && std::ranges::count(beams, 1) == 0) return rgb;
-  // A line in the current world does not belong into the frame of another.
-  if (batch_->sim_->cameras[index_].taken_world(drone) != batch_->sim_->state.world_index[batch_->sim_->env_of(drone)])
+  // A line in the current world does not belong into the frame of another, or into one of a while ago.
+  if (batch_->sim_->cameras[index_].is_late() ||
+      batch_->sim_->cameras[index_].taken_world(drone) != batch_->sim_->state.world_index[batch_->sim_->env_of(drone)])
     return rgb;
   std::vector<Vec3> lines;  // the scans use the painter's tracer, so they come first
   for (std::size_t member = 0; member < batch_->sim_->drones_per_env(); ++member) {

@@ -67,7 +67,7 @@ void drawable(const BatchConfig& config, const Light& light) {
           "fog_visibility_m", "0 with camera_backend=\"gl\", which draws no fog", light.fog_visibility_m);
 }
 
-void memory(double bytes) {
+void memory(double bytes, std::string_view field) {
   constexpr double kGibibyte = 1024.0 * 1024.0 * 1024.0;
   const double available = physical_memory();
   if (available == 0.0 || bytes <= available) return;
@@ -76,7 +76,7 @@ void memory(double bytes) {
     text << std::fixed << std::setprecision(1) << value / kGibibyte << " GiB";
     return text.str();
   };
-  refuse("num_drones", "a batch that fits into this machine's " + gibibytes(available) + " of memory",
+  refuse(field, "a batch that fits into this machine's " + gibibytes(available) + " of memory",
          gibibytes(bytes) + " of sensor data and observations");
 }
 
@@ -141,12 +141,13 @@ void angular_velocity(const Simulation& sim, std::span<const float> values, std:
 
 void rotor_speeds(const Simulation& sim, std::span<const float> values, std::span<const std::int64_t> drones) {
   if (values.empty()) return;
-  size(values.size(), kRotors * (drones.empty() ? sim.num_drones() : drones.size()), "rotor_speed");
+  const std::size_t rotors = sim.fleet->num_rotors();
+  size(values.size(), rotors * (drones.empty() ? sim.num_drones() : drones.size()), "rotor_speed");
   for (std::size_t i = 0; i < values.size(); ++i) {
-    const DroneIndex drone(drones.empty() ? i / kRotors : static_cast<std::size_t>(drones[i / kRotors]));
+    const DroneIndex drone(drones.empty() ? i / rotors : static_cast<std::size_t>(drones[i / rotors]));
     const auto most = static_cast<float>(sim.fleet->airframe_of(drone).max_speed_radps);
     if (values[i] >= 0.0F && values[i] <= most) continue;
-    refuse(row_of("rotor_speed", i / kRotors), "numbers in [0, " + std::to_string(most) + "] rad/s", values[i]);
+    refuse(row_of("rotor_speed", i / rotors), "numbers in [0, " + std::to_string(most) + "] rad/s", values[i]);
   }
 }
 
@@ -158,9 +159,10 @@ std::optional<std::size_t> command(const Simulation& sim, std::span<const float>
   }
   std::string field = "command";
   if (control) field += std::string(" of control \"") + EnumNames<Control>::kNames[static_cast<std::size_t>(*control)] + '"';
-  size(values.size(), 4 * sim.num_drones(), "command");
+  const std::size_t columns = sim.fleet->command_size(control.value_or(sim.config.dynamics.control));
+  size(values.size(), columns * sim.num_drones(), "command");
   for (std::size_t i = 0; i < values.size(); ++i) {
-    if (!(std::abs(values[i]) <= 2e6F)) refuse(row_of(field, i / 4), "finite numbers within +-2e+06", values[i]);
+    if (!(std::abs(values[i]) <= 2e6F)) refuse(row_of(field, i / columns), "finite numbers within +-2e+06", values[i]);
   }
   return angles(control.value_or(sim.config.dynamics.control), values, field);
 }

@@ -20,7 +20,7 @@ void size(std::size_t size, std::size_t expected, std::string_view field);
 
 // Checks that arrays of this many bytes fit into the machine's memory. Without this check the allocation would succeed, and
 // using the arrays would kill the process.
-void memory(double bytes);
+void memory(double bytes, std::string_view field = "num_drones");
 
 // Checks that the camera backend can draw this light, which is valid.
 void drawable(const BatchConfig& config, const Light& light);

@@ -19,8 +19,8 @@ template <class S, class F>
 void for_each_moved(S& state, const F& f) {
   f(state.position, std::size_t{3});
   f(state.quat_wxyz, std::size_t{4});
-  const auto each = [&](const auto& entry, auto& values) {
-    if (!values.empty()) f(values, entry.info.columns == 0 ? std::size_t{1} : static_cast<std::size_t>(entry.info.columns));
+  const auto each = [&](const auto&, auto& values) {
+    if (!values.empty()) f(values, values.size() / state.active.size());
   };
   for_each_listed(state.contact, each);
   for_each_listed(state.flight, each);

@@ -20,23 +20,36 @@
 namespace flockstep {
 namespace {
 
-// Bytes of all arrays that the sensors write.
-double sensor_bytes(const BatchConfig& config) {
+int bytes_of_pixel(const CameraOutputs& o) {
+  return 3 * o.rgb + 4 * o.depth + 2 * o.semantic + 2 * o.instance + 12 * o.normal + 1 * o.grey + 3 * o.hsv;
+}
+// Of all written images of a camera.
+double bytes_of_image(const CameraConfig& camera) {
+  return static_cast<double>(bytes_of_pixel(camera.outputs)) * camera.image_width_px() * camera.image_height_px();
+}
+
+// Checks that the arrays of the sensors fit into memory, first without the readings that are under way.
+void check_memory_of_sensors(const BatchConfig& config) {
   double bytes = 0.0;  // for one drone
-  for (const LidarConfig& lidar : config.lidars) {
-    const std::int64_t latency = sensors::latency_in_ticks(lidar.latency_s, config.clock);
-    const std::int64_t period = sensors::period_in_ticks(lidar.rate_hz, config.clock, "lidar.rate_hz");
-    const auto scans = 1.0 + static_cast<double>(sensors::readings_under_way(latency, period, config.clock));
-    bytes += 4.0 * scans * lidar.rows() * lidar.columns();
-  }
+  for (const LidarConfig& lidar : config.lidars) bytes += 4.0 * lidar.rows() * lidar.columns();
   for (const CameraConfig& camera : config.cameras) {
     const CameraOutputs& o = camera.outputs;
-    const int of_pixel = 3 * o.rgb + 4 * o.depth + 2 * o.semantic + 2 * o.instance + 12 * o.normal + 1 * o.grey + 3 * o.hsv;
-    bytes += static_cast<double>(of_pixel) * camera.image_width_px() * camera.image_height_px();
+    const int of_pixel = bytes_of_pixel(o);
+    bytes += bytes_of_image(camera);
     const int of_rendered_pixel = camera.resize ? of_pixel - 3 * (o.rgb && o.hsv) : 3 * (o.hsv && !o.rgb);
     bytes += static_cast<double>(of_rendered_pixel) * camera.width_px * camera.height_px;
   }
-  return bytes * config.num_drones();
+  checks::memory(bytes * config.num_drones());
+  for (const LidarConfig& lidar : config.lidars) {
+    const std::int64_t period = sensors::period_in_ticks(lidar.rate_hz, config.clock, "lidar.rate_hz");
+    const auto scans = static_cast<double>(sensors::ring_size(lidar, period, config.clock));
+    bytes += 4.0 * scans * lidar.rows() * lidar.columns();
+    checks::memory(bytes * config.num_drones(), "lidar.latency_s, lidar.jitter_s");
+  }
+  for (const CameraConfig& camera : config.cameras) {
+    bytes += bytes_of_image(camera) * static_cast<double>(sensors::ring_size(camera, 0, config.clock));
+    checks::memory(bytes * config.num_drones(), "camera.latency_s, camera.jitter_s");
+  }
 }
 
 // Sets the default physics_hz of motion by rotors.
@@ -64,7 +77,7 @@ BatchConfig validated(BatchConfig config, const Task* task) {
           "its default for a batch without a task, which observes nothing", "another");
   require(task != nullptr || config.privileged.empty(), "privileged", "none for a batch without a task, which observes nothing",
           config.privileged.size());
-  checks::memory(sensor_bytes(config));
+  check_memory_of_sensors(config);
   return config;
 }
 
@@ -126,7 +139,7 @@ std::optional<dynamics::Fleet> fleet_of(const BatchConfig& config, const DroneMo
   if (airframes.empty()) airframes.push_back(*drone.airframe());
   return dynamics::Fleet(airframes, std::vector<std::int32_t>(static_cast<std::size_t>(config.num_drones())), config.dynamics,
                          config.clock, static_cast<std::size_t>(config.drones_per_env),
-                         dynamics::Variations(config.variations, airframes.size(), config.clock));
+                         dynamics::Variations(config.variations, airframes, config.clock));
 }
 
 template <class Enum>
@@ -158,7 +171,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   checks::spec(task_state.task->spec());
   task_state.rows_per_env = task_state.task->spec().row == Row::drone ? sim.drones_per_env() : 1;
   if (!sim.config.observed.is_off() || !sim.config.privileged.empty()) {
-    task_state.memory.emplace(sim.config, task_state.task->spec(), sim.num_rows());
+    task_state.memory.emplace(sim.config, task_state.task->spec(), sim.num_rows(), sim.context->num_rotors());
     checks::spec(task_state.spec());
   }
   const TaskSpec& spec = task_state.spec();
@@ -177,7 +190,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   task_state.actions = task_state.actions_before = Buffer(spec.action, n);
   const bool uses_pose_targets = sim.config.dynamics.control == Control::pose;
   if (uses_pose_targets) task_state.setpoints.target.resize(sim.num_drones());
-  if (!uses_pose_targets) task_state.setpoints.command.resize(4 * sim.num_drones());
+  if (!uses_pose_targets) task_state.setpoints.command.resize(sim.context->command_size() * sim.num_drones());
   if (uses_pose_targets && sim.config.clock.substeps() > 1) task_state.step_start.resize(sim.num_drones());
   if (spec.records_path) {
     const auto ticks = static_cast<std::size_t>(sim.config.clock.substeps());
@@ -252,7 +265,10 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     if (world != nullptr && !pool) checks::bodies_of_world(*world, config, bodies_per_env, hull.radius());
   }
   for (const BodyConfig& body : config.bodies) checks::body_within_ticks(body, config.clock, hull.radius());
-  const ArraySizes sizes{.num_envs = num_envs(), .num_drones = num_drones(), .num_bodies = num_envs() * bodies_per_env};
+  const ArraySizes sizes{.num_envs = num_envs(),
+                         .num_drones = num_drones(),
+                         .num_bodies = num_envs() * bodies_per_env,
+                         .num_rotors = fleet ? fleet->num_rotors() : 0};
   allocate(state, sizes);
   allocate(state.contact, sizes);
   std::ranges::fill(state.contact.body, -1);

@@ -53,9 +53,9 @@ void join(Field& field, const Field& more) {
 
 }  // namespace
 
-ObservationMemory::ObservationMemory(const BatchConfig& config, const TaskSpec& of_task, std::size_t rows)
+ObservationMemory::ObservationMemory(const BatchConfig& config, const TaskSpec& of_task, std::size_t rows, std::size_t num_rotors)
     : config_(config.observed),
-      privileged_(config.privileged),
+      privileged_(config.privileged, num_rotors),
       drones_(of_task.row == Row::drone ? 1 : static_cast<std::size_t>(config.drones_per_env)),
       frame_skip_(config.episode.frame_skip),
       step_s_(config.clock.step_s()),

@@ -21,7 +21,7 @@ namespace flockstep {
 class ObservationMemory {
  public:
   // Throws std::invalid_argument if the task's observation or action has no place for what the configuration asks.
-  ObservationMemory(const BatchConfig& config, const TaskSpec& of_task, std::size_t rows);
+  ObservationMemory(const BatchConfig& config, const TaskSpec& of_task, std::size_t rows, std::size_t num_rotors);
 
   // Specification of the agents' observations: the one of the task with longer observations.
   const TaskSpec& spec() const { return spec_; }

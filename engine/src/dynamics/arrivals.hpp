@@ -17,7 +17,7 @@ class Arrivals {
 
   // Adds the setpoint of a lane that takes effect at this tick of the step. count: its earlier setpoints of the leg; the first
   // one becomes the flock's.
-  void add(const std::array<float, 7>& setpoint, float tick, std::size_t lane, std::size_t count, Flock& flock) {
+  void add(const Setpoint& setpoint, float tick, std::size_t lane, std::size_t count, Flock& flock) {
     if (count == 0) {
       for (std::size_t k = 0; k < setpoint.size(); ++k) flock.setpoint[k][lane] = setpoint[k];
       return;

@@ -15,9 +15,9 @@ namespace flockstep::dynamics {
 class CommandRing {
  public:
   CommandRing() = default;
-  // most: commands that may be under way at once, besides the one that holds.
-  CommandRing(std::size_t num_drones, std::size_t most)
-      : size_(most + 2), command_(4 * size_ * num_drones), arrival_(size_ * num_drones), count_(num_drones) {}
+  // most: commands that may be under way at once, besides the one that holds. width: numbers of a command.
+  CommandRing(std::size_t num_drones, std::size_t most, std::size_t width)
+      : size_(most + 2), width_(width), command_(width * size_ * num_drones), arrival_(size_ * num_drones), count_(num_drones) {}
 
   bool empty() const { return size_ == 0; }
   std::size_t most() const { return empty() ? 0 : size_ - 2; }
@@ -26,7 +26,7 @@ class CommandRing {
   // Adds a command that takes effect at this tick of the episode.
   void add(DroneIndex drone, const float* command, std::int64_t arrival) {
     const std::size_t at = size_ * drone + static_cast<std::size_t>(count_[drone]++) % size_;
-    std::copy_n(command, 4, command_.data() + 4 * at);
+    std::copy_n(command, width_, command_.data() + width_ * at);
     arrival_[at] = arrival;
   }
 
@@ -40,7 +40,7 @@ class CommandRing {
     while (held > oldest && arrival_[place(drone, held)] > from) --held;
     for (std::int64_t i = held; i <= newest; ++i) {
       const std::size_t at = place(drone, i);
-      if (i == held || arrival_[at] < to) f(command_.data() + 4 * at, arrival_[at]);
+      if (i == held || arrival_[at] < to) f(command_.data() + width_ * at, arrival_[at]);
     }
   }
 
@@ -57,8 +57,8 @@ class CommandRing {
  private:
   std::size_t place(DroneIndex drone, std::int64_t i) const { return size_ * drone + static_cast<std::size_t>(i) % size_; }
 
-  std::size_t size_ = 0;
-  std::vector<float> command_;         // (N, size, 4)
+  std::size_t size_ = 0, width_ = 0;
+  std::vector<float> command_;         // (N, size, width)
   std::vector<std::int64_t> arrival_;  // (N, size) ticks of the episode
   std::vector<std::int64_t> count_;    // (N,) commands since the episode began
 };

@@ -33,7 +33,7 @@ WashNumbers::WashNumbers(const Airframe& frame) {
   };
   Airframe::Triple mean{};
   for (const Airframe::Triple& hub : frame.position_m) {
-    for (std::size_t axis = 0; axis < 3; ++axis) mean[axis] += hub[axis] / static_cast<double>(kRotors);
+    for (std::size_t axis = 0; axis < 3; ++axis) mean[axis] += hub[axis] / static_cast<double>(frame.num_rotors());
   }
   double longest = 0.0, farthest = 0.0;
   for (const Airframe::Triple& hub : frame.position_m) {
@@ -41,7 +41,8 @@ WashNumbers::WashNumbers(const Airframe& frame) {
     for (const Airframe::Triple& other : frame.position_m) longest = std::max(longest, distance(hub, other));
   }
   constexpr double kMinArea = 1e-12;  // m^2, for float32
-  const double area = std::max(static_cast<double>(kRotors) * std::numbers::pi * frame.radius_m * frame.radius_m, kMinArea);
+  const double area =
+      std::max(static_cast<double>(frame.num_rotors()) * std::numbers::pi * frame.radius_m * frame.radius_m, kMinArea);
   center = Eigen::Vector3d::Map(mean.data()).cast<float>();
   length = static_cast<float>(longest);
   reach = static_cast<float>(farthest);
@@ -74,8 +75,8 @@ void Downwash::update_env(Fleet& fleet, const State& state, std::size_t env) {
     member.up = rotation.col(2);
     const auto& [c0, c1, c2] = fleet.numbers[row].known_thrust;
     float thrust = 0.0F;
-    for (std::size_t rotor = 0; rotor < kRotors; ++rotor) {
-      const float speed = state.flight.rotor_speed[kRotors * drone + rotor];
+    for (std::size_t rotor = 0; rotor < fleet.airframes[row].num_rotors(); ++rotor) {
+      const float speed = state.flight.rotor_speed[fleet.num_rotors() * drone + rotor];
       thrust += std::max(c0 + (c1 + c2 * speed) * speed, 0.0F);
     }
     member.load = thrust * member.numbers->load_per_thrust;
@@ -94,9 +95,9 @@ void Downwash::update_env(Fleet& fleet, const State& state, std::size_t env) {
     if (source.load != 0.0F) add_wash(source, fleet, state);
   }
   for (const Member& member : members_) {
-    for (std::size_t rotor = 0; rotor < kRotors; ++rotor) {
+    for (std::size_t rotor = 0; rotor < fleet.num_rotors(); ++rotor) {
       const float lost = std::sqrt(static_cast<float>(member.lost2[rotor]) * kUnit);
-      fleet.thrust_share[kRotors * member.drone + rotor] = 1.0F - std::min(lost, kMaxLoss);
+      fleet.thrust_share[fleet.num_rotors() * member.drone + rotor] = 1.0F - std::min(lost, kMaxLoss);
     }
   }
 }
@@ -128,9 +129,10 @@ void Downwash::add_wash(const Member& source, const Fleet& fleet, const State& s
     const float loads = source.load / target.numbers->hover_load;
     const Pose pose = pose_of(state, target.drone);
     const Mat3 rotation = pose.rotation.toRotationMatrix();
-    const auto& hubs = fleet.numbers[fleet.airframe_row(target.drone)].position;
-    for (std::size_t rotor = 0; rotor < kRotors; ++rotor) {
-      const Vec3 at = (pose.position + rotation * Vec3::Map(hubs[rotor].data()) - source.center) / length;
+    const std::size_t row = fleet.airframe_row(target.drone);
+    for (std::size_t rotor = 0; rotor < fleet.airframes[row].num_rotors(); ++rotor) {
+      const Vec3 at =
+          (pose.position + rotation * Vec3::Map(fleet.numbers[row].rotors[rotor].position.data()) - source.center) / length;
       const float s = -at.dot(source.up);
       if (s <= 0.0F) continue;
       const float from_origin = s - kOrigin;

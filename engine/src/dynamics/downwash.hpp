@@ -1,7 +1,8 @@
 // Downwash: the thrust that rotors lose in the wash of other drones of their env.
 //
 // The air below a quadrotor is a turbulent jet along its -z axis. Let d be the largest distance between two hubs, v the velocity
-// that the thrust T of all rotors, of radius r, induces in the air of density p by momentum theory, v = sqrt(T / (8 pi p r^2)),
+// that the thrust T of all n rotors, of radius r, induces in the air of density p by momentum theory,
+// v = sqrt(T / (2 pi n p r^2)),
 // s d the distance from the mean of the hubs along the jet, and q d the distance from its axis. The velocity in the jet is
 //   U / v = B / (s - s0) / (1 + (sqrt(2) - 1) x^2)^2,  x = q / (S (s - s0)),  B = 10.11, S = 0.07668, s0 = -5.817:
 // L. Bauersfeld, K. Muller, D. Ziegler, F. Coletti, D. Scaramuzza, "Robotics meets Fluid Dynamics: A Characterization of the
@@ -56,7 +57,7 @@ class Downwash {
     const WashNumbers* numbers = nullptr;
     DroneIndex drone{};
     // Sums of the squares of the shares that the rotors lose, in units of kUnit: sums of integers do not depend on their order.
-    std::array<std::int64_t, kRotors> lost2{};
+    std::array<std::int64_t, kMaxRotors> lost2{};
   };
 
   void update_env(Fleet& fleet, const State& state, std::size_t env);

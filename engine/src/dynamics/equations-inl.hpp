@@ -41,8 +41,8 @@ struct At {
   HWY_INLINE F operator()(const Lane& number) const { return load(number, lane); }
 };
 
-// The integrated state of a drone.
-template <class T>
+// The integrated state of a drone. kRotors: columns that are computed, kMinRotors or kMaxRotors.
+template <class T, std::size_t kRotors = kMinRotors>
 struct OdeState {
   Wide3<T> travelled, velocity;
   Quaternion<T> rotation;
@@ -55,7 +55,7 @@ template <class T>
 struct Inputs {
   Wide3<T> wind;
   T height;
-  const Lanes<kRotors>& thrust_share;
+  const Lanes<kMaxRotors>& thrust_share;
   const Lanes<3>&push, &twist;
 };
 
@@ -79,8 +79,8 @@ HWY_INLINE T lagged(T speed, T command, C keep_up, C keep_down) {
 }
 
 // Rotors without lag reach the commanded speed at once.
-template <class T, class A>
-HWY_INLINE void respond(const Physics& p, const Numbers& n, A at, const T* command, T* speed) {
+template <class T, class A, std::size_t kRotors>
+HWY_INLINE void respond(const Physics& p, const Numbers& n, A at, const T* command, T (&speed)[kRotors]) {
   if (!p.instant_up && !p.instant_down) return;
   const auto instant_up = at(n.inverse_lag_up) == 0.0F;
   const auto instant_down = at(n.inverse_lag_down) == 0.0F;
@@ -96,8 +96,8 @@ HWY_INLINE void respond(const Physics& p, const Numbers& n, A at, const T* comma
 //
 // Physics has a flag for each optional rotor term. If all of them are false, so is kHasRotorTerms, which removes their branches
 // at compile time. Even an untaken branch for each rotor would cost a quarter of the time.
-template <bool kHasRotorTerms, class T, class A>
-FLOCKSTEP_BIG_INLINE Forces<T> forces(const Physics& p, const Numbers& n, A at, const OdeState<T>& s, const T* command,
+template <bool kHasRotorTerms, class T, class A, std::size_t kRotors>
+FLOCKSTEP_BIG_INLINE Forces<T> forces(const Physics& p, const Numbers& n, A at, const OdeState<T, kRotors>& s, const T* command,
                                       const Inputs<T>& in) {
   const bool has_drag = kHasRotorTerms && p.rotor_drag, has_lift = kHasRotorTerms && p.rotor_lift;
   const bool has_ground = kHasRotorTerms && p.ground_effect, has_momentum = kHasRotorTerms && p.gyroscopic;
@@ -111,11 +111,12 @@ FLOCKSTEP_BIG_INLINE Forces<T> forces(const Physics& p, const Numbers& n, A at, 
   T momentum_rate(0.0F);  // its rate of change
   for (std::size_t i = 0; i < kRotors; ++i) {
     const T speed = s.rotor[i];
-    const auto x = at(n.position[i][0]), y = at(n.position[i][1]), z = at(n.position[i][2]);
-    T push = max(at(n.thrust[i][0]) + (at(n.thrust[i][1]) + at(n.thrust[i][2]) * speed) * speed, 0.0F);
+    const auto x = at(n.rotors[i].position[0]), y = at(n.rotors[i].position[1]), z = at(n.rotors[i].position[2]);
+    T push = max(at(n.rotors[i].thrust[0]) + (at(n.rotors[i].thrust[1]) + at(n.rotors[i].thrust[2]) * speed) * speed, 0.0F);
     if (has_drag || has_lift) {
       const Wide3<T> hub{air.x + (w.y * z - w.z * y), air.y + (w.z * x - w.x * z), air.z + (w.x * y - w.y * x)};
       if (has_lift) push = push + at(n.lift) * (hub.x * hub.x + hub.y * hub.y);
+      if constexpr (kRotors > kMinRotors) push = select(at(n.rotors[i].yaw_sign) == 0.0F, 0.0F, push);
       if (has_drag) {
         const Wide3<T> drag{-(speed * (at(n.drag[0]) * hub.x)), -(speed * (at(n.drag[1]) * hub.y)),
                             -(speed * (at(n.drag[2]) * hub.z))};
@@ -135,10 +136,10 @@ FLOCKSTEP_BIG_INLINE Forces<T> forces(const Physics& p, const Numbers& n, A at, 
     force.z = force.z + push;
     torque.x = torque.x + y * push;
     torque.y = torque.y - x * push;
-    torque.z = torque.z + at(n.yaw_torque[i]) * push;
+    torque.z = torque.z + at(n.rotors[i].yaw_torque) * push;
     if (has_momentum) {
-      momentum = momentum - at(n.yaw_sign[i]) * speed;
-      momentum_rate = momentum_rate - at(n.yaw_sign[i]) * rotor_rate(n, at, speed, command[i]);
+      momentum = momentum - at(n.rotors[i].yaw_sign) * speed;
+      momentum_rate = momentum_rate - at(n.rotors[i].yaw_sign) * rotor_rate(n, at, speed, command[i]);
     }
   }
   if (p.body_drag) {
@@ -166,13 +167,13 @@ FLOCKSTEP_BIG_INLINE Forces<T> forces(const Physics& p, const Numbers& n, A at, 
 }
 
 // Midpoint method, second order. Rotor speeds are exact, and so is the attitude at a constant angular velocity.
-template <bool kHasRotorTerms, class T, class A>
-FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, const Numbers& n, A at, OdeState<T>& s, const T* command,
+template <bool kHasRotorTerms, class T, class A, std::size_t kRotors>
+FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, const Numbers& n, A at, OdeState<T, kRotors>& s, const T* command,
                                    const Inputs<T>& in) {
   const T half(0.5F * p.dt);
   const T dt(p.dt);
   const Forces<T> first = forces<kHasRotorTerms>(p, n, at, s, command, in);
-  OdeState<T> middle;
+  OdeState<T, kRotors> middle;
   middle.velocity = s.velocity + first.acceleration * half;
   middle.turn = s.turn + first.turning * half;
   middle.travelled = s.travelled + s.velocity * half;
@@ -187,7 +188,7 @@ FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, const Numbers& n, A at, Ode
   for (std::size_t i = 0; i < kRotors; ++i) s.rotor[i] = lagged(s.rotor[i], command[i], at(n.keep_up), at(n.keep_down));
 }
 
-template <class T>
+template <class T, std::size_t kRotors>
 struct Rates {
   Wide3<T> velocity, acceleration;
   Quaternion<T> rotation;
@@ -195,24 +196,25 @@ struct Rates {
   T rotor[kRotors];
 };
 
-template <bool kHasRotorTerms, class T, class A>
-HWY_INLINE Rates<T> rates(const Physics& p, const Numbers& n, A at, const OdeState<T>& s, const T* command, const Inputs<T>& in) {
+template <bool kHasRotorTerms, class T, class A, std::size_t kRotors>
+HWY_INLINE Rates<T, kRotors> rates(const Physics& p, const Numbers& n, A at, const OdeState<T, kRotors>& s, const T* command,
+                                   const Inputs<T>& in) {
   const Forces<T> f = forces<kHasRotorTerms>(p, n, at, s, command, in);
-  Rates<T> r{s.velocity, f.acceleration, rate_of(s.rotation, s.turn), f.turning, {}};
+  Rates<T, kRotors> r{s.velocity, f.acceleration, rate_of(s.rotation, s.turn), f.turning, {}};
   for (std::size_t i = 0; i < kRotors; ++i) r.rotor[i] = rotor_rate(n, at, s.rotor[i], command[i]);
   return r;
 }
 
-template <class T>
-HWY_INLINE OdeState<T> moved(const OdeState<T>& s, const Rates<T>& r, std::type_identity_t<T> dt) {
-  OdeState<T> next{
+template <class T, std::size_t kRotors>
+HWY_INLINE OdeState<T, kRotors> moved(const OdeState<T, kRotors>& s, const Rates<T, kRotors>& r, std::type_identity_t<T> dt) {
+  OdeState<T, kRotors> next{
       s.travelled + r.velocity * dt, s.velocity + r.acceleration * dt, s.rotation + r.rotation * dt, s.turn + r.turning * dt, {}};
   for (std::size_t i = 0; i < kRotors; ++i) next.rotor[i] = s.rotor[i] + r.rotor[i] * dt;
   return next;
 }
 
-template <class T>
-HWY_INLINE void add(Rates<T>& sum, const Rates<T>& r, std::type_identity_t<T> weight) {
+template <class T, std::size_t kRotors>
+HWY_INLINE void add(Rates<T, kRotors>& sum, const Rates<T, kRotors>& r, std::type_identity_t<T> weight) {
   sum.velocity = sum.velocity + r.velocity * weight;
   sum.acceleration = sum.acceleration + r.acceleration * weight;
   sum.rotation = sum.rotation + r.rotation * weight;
@@ -222,14 +224,14 @@ HWY_INLINE void add(Rates<T>& sum, const Rates<T>& r, std::type_identity_t<T> we
 
 // The classical fourth-order Runge-Kutta method, with the rotors as part of the state. The rates are summed as they are
 // computed: four of them do not fit into registers.
-template <bool kHasRotorTerms, class T, class A>
-FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, A at, OdeState<T>& s, const T* command,
+template <bool kHasRotorTerms, class T, class A, std::size_t kRotors>
+FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, A at, OdeState<T, kRotors>& s, const T* command,
                                       const Inputs<T>& in) {
   const T half(0.5F * p.dt);
   const T dt(p.dt);
   const T two(2.0F);
-  Rates<T> r = rates<kHasRotorTerms>(p, n, at, s, command, in);
-  Rates<T> sum = r;
+  Rates<T, kRotors> r = rates<kHasRotorTerms>(p, n, at, s, command, in);
+  Rates<T, kRotors> sum = r;
   r = rates<kHasRotorTerms>(p, n, at, moved(s, r, half), command, in);
   add(sum, r, two);
   r = rates<kHasRotorTerms>(p, n, at, moved(s, r, half), command, in);
@@ -312,8 +314,9 @@ HWY_INLINE Wide3<T> accelerate(const Physics& p, const Numbers& n, A at, const W
 
 // Rotor speeds for a thrust (m/s^2) and body rates. If the rotors saturate, yaw is reduced first, then the thrust is shifted to
 // make room for roll and pitch, and roll and pitch are reduced last.
-template <class T, class A>
-HWY_INLINE void mix(const Physics& p, const Numbers& n, A at, const OdeState<T>& s, T thrust, Wide3<T> desired, T* command) {
+template <class T, class A, std::size_t kRotors>
+HWY_INLINE void mix(const Physics& p, const Numbers& n, A at, const OdeState<T, kRotors>& s, T thrust, Wide3<T> desired,
+                    T* command) {
   const Wide3<T>& turn = s.turn;
   desired = {clamp(desired.x, p.max_rate), clamp(desired.y, p.max_rate), clamp(desired.z, p.max_yaw_rate)};
   const auto& inertia = n.known_inertia;
@@ -326,8 +329,8 @@ HWY_INLINE void mix(const Physics& p, const Numbers& n, A at, const OdeState<T>&
   T tilt[kRotors], level[kRotors];
   T low, high;
   for (std::size_t i = 0; i < kRotors; ++i) {
-    level[i] = at(n.mixer[i][0]) * push;
-    tilt[i] = at(n.mixer[i][1]) * x + at(n.mixer[i][2]) * y;
+    level[i] = at(n.rotors[i].mixer[0]) * push;
+    tilt[i] = at(n.rotors[i].mixer[1]) * x + at(n.rotors[i].mixer[2]) * y;
     low = i == 0 ? tilt[i] : min(low, tilt[i]);
     high = i == 0 ? tilt[i] : max(high, tilt[i]);
   }
@@ -342,12 +345,12 @@ HWY_INLINE void mix(const Physics& p, const Numbers& n, A at, const OdeState<T>&
   T share(1.0F);  // share of the desired yaw
   for (std::size_t i = 0; i < kRotors; ++i) {
     level[i] = level[i] + (below - above);
-    const T yaw = at(n.mixer[i][3]) * z;
+    const T yaw = at(n.rotors[i].mixer[3]) * z;
     const T left = select(yaw > 0.0F, at(n.max_thrust) - level[i], level[i] - at(n.min_thrust));
     share = min(share, max(left, 0.0F) / max(abs(yaw), at(n.thrust_tiny)));
   }
   for (std::size_t i = 0; i < kRotors; ++i) {
-    const T want = max(min(level[i] + share * (at(n.mixer[i][3]) * z), at(n.max_thrust)), at(n.min_thrust));
+    const T want = max(min(level[i] + share * (at(n.rotors[i].mixer[3]) * z), at(n.max_thrust)), at(n.min_thrust));
     // Invert the thrust curve, which is a parabola or a straight line.
     const T root = sqrt(max(at(n.discriminant) + at(n.four_c2) * want, 0.0F)) - at(n.known_thrust[1]);
     T speed = root * at(n.half_over_c2);
@@ -360,13 +363,14 @@ HWY_INLINE void mix(const Physics& p, const Numbers& n, A at, const OdeState<T>&
       speed = select(at(n.lead) > 1.0F, leading, speed);
     }
     command[i] = max(min(speed, at(n.max_speed)), at(n.min_speed));
+    if constexpr (kRotors > kMinRotors) command[i] = select(at(n.rotors[i].yaw_sign) == 0.0F, 0.0F, command[i]);  // absent
   }
 }
 
 // Runs the outer loops, starting at the stage of the setpoint.
-template <class T, class A>
-HWY_INLINE Aim<T> aim_of(const Physics& p, const Numbers& n, A at, const OdeState<T>& s, const Matrix3<T>& r, const T* set,
-                         Wide3<T>& integral) {
+template <class T, class A, std::size_t kRotors>
+HWY_INLINE Aim<T> aim_of(const Physics& p, const Numbers& n, A at, const OdeState<T, kRotors>& s, const Matrix3<T>& r,
+                         const T* set, Wide3<T>& integral) {
   if (p.stage == Stage::attitude) return {set[0], {set[1], set[2], set[3]}, yaw_towards(n, at, r, set[4], set[5])};
   Wide3<T> desired{set[0], set[1], set[2]};
   if (p.stage == Stage::acceleration) {
@@ -400,9 +404,9 @@ HWY_INLINE Wide3<T> rates_towards(const Physics& p, const Numbers& n, A at, cons
 }
 
 // The controller cascade. It is not inlined, so that the loops over ticks are compiled once instead of once for each stage.
-template <class T, class A>
-HWY_NOINLINE void control(const Physics& p, const Numbers& n, A at, const OdeState<T>& s, const T* set, Wide3<T>& integral,
-                          T* command) {
+template <class T, class A, std::size_t kRotors>
+HWY_NOINLINE void control(const Physics& p, const Numbers& n, A at, const OdeState<T, kRotors>& s, const T* set,
+                          Wide3<T>& integral, T* command) {
   if (p.stage == Stage::rotors) {
     for (std::size_t i = 0; i < kRotors; ++i) command[i] = set[i];
     return;
@@ -419,9 +423,9 @@ HWY_NOINLINE void control(const Physics& p, const Numbers& n, A at, const OdeSta
 }
 
 // Runs the controller with its lag, and lets the motors follow as far as their battery allows.
-template <class T, class A>
-HWY_NOINLINE void drive(const Physics& p, const Numbers& n, A at, const OdeState<T>& s, const T* set, Wide3<T>& integral,
-                        const Lanes<kRotors>& share, T* command) {
+template <class T, class A, std::size_t kRotors>
+HWY_NOINLINE void drive(const Physics& p, const Numbers& n, A at, const OdeState<T, kRotors>& s, const T* set, Wide3<T>& integral,
+                        const Lanes<kMaxRotors>& share, T* command) {
   T wanted[kRotors];
   control(p, n, at, s, set, integral, wanted);
   for (std::size_t i = 0; i < kRotors; ++i) {

@@ -64,7 +64,8 @@ Airframe weakest(const Airframe& frame, const Variations& variations) {
   p.mass_scale = greatest.mass_scale;
   p.payload_kg = greatest.payload_kg;
   float thrust = 0.0F;
-  for (const float scale : least.rotor_thrust_scale) thrust += 0.25F * scale;
+  const auto share = 1.0F / static_cast<float>(frame.num_rotors());
+  for (std::size_t i = 0; i < frame.num_rotors(); ++i) thrust += share * least.rotor_thrust_scale[i];
   p.thrust_scale = std::max(least.thrust_scale * thrust, 1e-3F);
   return varied(frame, p);
 }
@@ -144,20 +145,24 @@ Fleet::Fleet(std::span<const Airframe> frames, std::span<const std::int32_t> ind
   open.center.resize(3 * num_drones);
   open.radius.resize(num_drones, -1.0F);
   open.world.resize(num_drones);
-  if (physics.downwash) thrust_share.resize(kRotors * num_drones, 1.0F);
+  if (physics.downwash) thrust_share.resize(num_rotors() * num_drones, 1.0F);
   const DroneParameters least = variations.least(), greatest = variations.greatest();
   turn_on(least, greatest);
   if (greatest.action_delay_s > 0.0F || greatest.action_jitter_s > 0.0F || greatest.action_loss > 0.0F) {
     require(!config.is_kinematic() && config.control != Control::pose, "variations: action_delay_s",
             "a control other than \"pose\", whose commands can be late", "\"pose\"");
-    commands = CommandRing(num_drones, commands_under_way(variations, clock));
+    commands = CommandRing(num_drones, commands_under_way(variations, clock), command_size(config.control));
   }
   if (airframes.size() > 1 || !variations.empty()) true_airframes.resize(num_drones, airframes[0]);
+  for (Airframe& frame : true_airframes) {  // resets allocate nothing
+    frame.position_m.reserve(num_rotors());
+    frame.spin.reserve(num_rotors());
+  }
   if (airframes.size() > 1 || variations.differ()) lane_numbers.resize((num_drones + kLanes - 1) / kLanes);
   for (std::size_t drone = 0; drone < num_drones; ++drone) renew(DroneIndex(drone), {});
   if (!variations.empty() && lane_numbers.empty()) {  // all drones differ from the airframe in the same way
-    physics.numbers =
-        dynamics::numbers_of(airframes[0], numbers[0], least, config, clock.dt_s(), clock.dt_s() * clock.control_ticks());
+    physics.numbers = dynamics::numbers_of(airframes[0], varied(airframes[0], least), numbers[0], least, config, clock.dt_s(),
+                                           clock.dt_s() * clock.control_ticks());
     std::array<const AirframeNumbers<float>*, kLanes> same;
     same.fill(&physics.numbers);
     set_lanes(same, physics.lanes);
@@ -181,12 +186,14 @@ void Fleet::set_airframe(DroneIndex drone, std::int32_t row) {
 void Fleet::renew(DroneIndex drone, const DroneParameters& parameters) {
   if (true_airframes.empty()) return;
   const Airframe& frame = airframe_of(drone);
-  true_airframes[drone] = variations.empty() ? frame : varied(frame, parameters);
+  Airframe& made = true_airframes[drone];
+  variations.empty() ? void(made = frame) : set_varied(frame, parameters, made);
   if (lane_numbers.empty()) return;
   const AirframeNumbers<float>& known = numbers[airframe_row(drone)];
   const double dt = clock.dt_s();
-  set_lane(variations.empty() ? known : dynamics::numbers_of(frame, known, parameters, config, dt, dt * clock.control_ticks()),
-           drone % kLanes, lane_numbers[drone / kLanes]);
+  set_lane(
+      variations.empty() ? known : dynamics::numbers_of(frame, made, known, parameters, config, dt, dt * clock.control_ticks()),
+      drone % kLanes, lane_numbers[drone / kLanes]);
 }
 
 DroneParameters Fleet::parameters_of(const State& state, DroneIndex drone) {
@@ -222,9 +229,11 @@ void Fleet::set_variations(const Variations& next) {
     require(!physics.is_rk4 || can_rk4(stiffest(frame, next), config, clock.dt_s()), "variations: lag_up_scale, lag_down_scale",
             "a lag of at least half a tick", std::min(next.least().lag_up_scale, next.least().lag_down_scale));
   }
+  const DroneParameters before = variations.least(), after = next.least();
+  const bool is_same = !next.differ() && std::ranges::equal(floats_of(before), floats_of(after));
   variations = next;
   turn_on(next.least(), next.greatest());
-  if (next.differ()) part();
+  if (!is_same) part();  // drones whose episodes go on keep the numbers of the constants before
 }
 
 void Fleet::check_parameters(std::span<const float> numbers_given) const {
@@ -261,6 +270,7 @@ void Fleet::apply_parameters(State& state, DroneIndex drone) {
   turn_on(parameters, parameters);
   if (!airframe_index.empty()) airframe_index[drone] = static_cast<std::int32_t>(parameters.airframe);
   renew(drone, parameters);
+  clear_absent_rotors(state, drone);
   GustState gust;
   std::copy_n(state.flight.gust.data() + kGustStates * drone, kGustStates, gust.data());
   set_gust(*this, state, drone, gust);
@@ -281,24 +291,27 @@ void Fleet::redraw_parameters(State& state, std::span<const DroneIndex> drones, 
 void Fleet::drain_batteries(State& state, std::span<const DroneIndex> drones) const {
   if (!physics.drains) return;
   for (const DroneIndex drone : drones) {
-    const float* const speed = state.flight.rotor_speed.data() + kRotors * drone;
+    const float* const speed = state.flight.rotor_speed.data() + num_rotors() * drone;
     const auto hover = static_cast<float>(airframe_of(drone).hover_speed());
+    const float share = 1.0F / static_cast<float>(airframe_of(drone).num_rotors());
     float power = 0.0F;  // in units of hovering
-    for (std::size_t i = 0; i < kRotors; ++i) power += 0.25F * (speed[i] / hover) * (speed[i] / hover) * (speed[i] / hover);
+    for (std::size_t i = 0; i < num_rotors(); ++i) power += share * (speed[i] / hover) * (speed[i] / hover) * (speed[i] / hover);
     const float life = state.parameters.params[kNumParameters * drone + kBatteryLife];
     float& used = state.parameters.battery[drone];
     used = std::min(used + power * static_cast<float>(clock.step_s()) / life, 1.0F);
   }
 }
 
-std::array<float, kRotors> Fleet::speed_share(const State& state, DroneIndex drone, std::int64_t tick) const {
+std::array<float, kMaxRotors> Fleet::speed_share(const State& state, DroneIndex drone, std::int64_t tick) const {
   const DroneParameters parameters = parameters_of(state, drone);
-  const float* const speed = state.flight.rotor_speed.data() + kRotors * drone;
+  const float* const speed = state.flight.rotor_speed.data() + num_rotors() * drone;
   const auto fastest = static_cast<float>(airframe_of(drone).max_speed_radps);
+  const float share = 1.0F / static_cast<float>(airframe_of(drone).num_rotors());
   float load = 0.0F;  // share of full power
-  for (std::size_t i = 0; i < kRotors; ++i) load += 0.25F * (speed[i] / fastest) * (speed[i] / fastest) * (speed[i] / fastest);
+  for (std::size_t i = 0; i < num_rotors(); ++i)
+    load += share * (speed[i] / fastest) * (speed[i] / fastest) * (speed[i] / fastest);
   const float left = 1.0F - parameters.battery_fall * state.parameters.battery[drone] - parameters.battery_sag * load;
-  std::array<float, kRotors> shares;
+  std::array<float, kMaxRotors> shares;
   shares.fill(std::max(left, 0.0F));
   const double dead_from = std::round(static_cast<double>(parameters.dead_from_s) / clock.step_s()) * clock.substeps();
   if (static_cast<double>(tick) >= dead_from) shares[static_cast<std::size_t>(parameters.dead_rotor)] = 0.0F;
@@ -311,7 +324,7 @@ void Fleet::send_commands(const State& state, std::span<const DroneIndex> drones
   for (const DroneIndex drone : drones) {
     const DroneParameters parameters = parameters_of(state, drone);
     const std::int64_t now = state.tick[env_of(drone)];
-    const float* const numbers_sent = command.data() + 4 * drone;
+    const float* const numbers_sent = command.data() + command_size(config.control) * drone;
     if (commands.has_none(drone)) {
       commands.add(drone, numbers_sent, now);
       continue;
@@ -338,11 +351,19 @@ void Fleet::restored(State& state) {
     const DroneIndex d(drone);
     if (!has_parameters()) {
       renew(d, {});
+      clear_absent_rotors(state, d);
       continue;
     }
     const DroneParameters parameters = parameters_of(state, d);
     turn_on(parameters, parameters);
     renew(d, parameters);
+    clear_absent_rotors(state, d);
+  }
+}
+
+void Fleet::clear_absent_rotors(State& state, DroneIndex drone) const {
+  for (std::size_t i = num_rotors() * drone + airframe_of(drone).num_rotors(); i < num_rotors() * (drone + 1); ++i) {
+    state.flight.rotor_speed[i] = state.flight.rotor_command[i] = 0.0F;
   }
 }
 
@@ -368,9 +389,10 @@ void Fleet::start(State& state, DroneIndex drone, const Velocity& velocity) cons
     flight.acceleration[i] = flight.angular_acceleration[i] = flight.error_integral[i] = flight.remainder[i] = 0.0F;
   }
   const auto hover_speed = static_cast<float>(true_airframe_of(drone).hover_speed());
-  for (std::size_t i = kRotors * drone; i < kRotors * (drone + 1); ++i) {
+  for (std::size_t i = num_rotors() * drone; i < num_rotors() * (drone + 1); ++i) {
     flight.rotor_speed[i] = flight.rotor_command[i] = hover_speed;
   }
+  clear_absent_rotors(state, drone);
 }
 
 void Fleet::begin_gusts(State& state, DroneIndex drone) const {

@@ -54,6 +54,11 @@ struct Fleet {
   }
   // Assigns another airframe of the table to a drone. Call it between steps: the drone keeps its velocity and rotor speeds.
   void set_airframe(DroneIndex drone, std::int32_t row);
+  // Columns of rotor speeds: the largest number of rotors of an airframe; others are 0 in the columns that they lack.
+  std::size_t num_rotors() const { return physics.num_rotors; }
+  // Numbers of a command, C.
+  std::size_t command_size(Control control) const { return tells_rotors(control) ? num_rotors() : 4; }
+  void clear_absent_rotors(State& state, DroneIndex drone) const;
 
   bool has_parameters() const { return !variations.empty(); }
   static DroneParameters parameters_of(const State& state, DroneIndex drone);
@@ -72,8 +77,8 @@ struct Fleet {
   // Uses up the batteries in a control step that is about to be flown.
   void drain_batteries(State& state, std::span<const DroneIndex> drones) const;
   // Share of its commanded speed that each rotor is driven to at a tick of the episode, by the battery and if it lives.
-  std::array<float, kRotors> speed_share(const State& state, DroneIndex drone, std::int64_t tick) const;
-  // Sends the commands (N, 4) of drones on their way, if they may be late. Their time is the current tick of each env.
+  std::array<float, kMaxRotors> speed_share(const State& state, DroneIndex drone, std::int64_t tick) const;
+  // Sends the commands (N, C) of drones on their way, if they may be late. Their time is the current tick of each env.
   void send_commands(const State& state, std::span<const DroneIndex> drones, std::span<const float> command);
 
   // The physics for commands of another control.
@@ -98,7 +103,8 @@ struct Fleet {
   AlignedVector<LaneNumbers> lane_numbers;  // of kLanes consecutive drones each; empty if all drones have the same
   const std::vector<WashNumbers> wash;      // one for each airframe
   const Wind wind;
-  // (N, 4) share of its thrust that each rotor keeps in the wash of other drones, written by Downwash; empty without downwash.
+  // (N, rotors) share of its thrust that each rotor keeps in the wash of other drones, written by Downwash; empty without
+  // downwash.
   std::vector<float> thrust_share;
   CommandRing commands;  // on their way to the drones
   OpenSpace open;

@@ -12,7 +12,8 @@ HWY_BEFORE_NAMESPACE();
 namespace flockstep::dynamics::HWY_NAMESPACE {
 
 // 1 or 0, see Flock::is_good. Comparisons with NaN are false.
-HWY_INLINE F goodness(const Physics& p, const OdeState<F>& s) {
+template <std::size_t kRotors>
+HWY_INLINE F goodness(const Physics& p, const OdeState<F, kRotors>& s) {
   const F fastest = max(max(abs(s.velocity.x), abs(s.velocity.y)), abs(s.velocity.z));
   const F turn2 = dot(s.turn, s.turn);
   const F square =
@@ -25,15 +26,15 @@ HWY_INLINE F goodness(const Physics& p, const OdeState<F>& s) {
   return select(fastest > kMaxSpeed, 0.0F, select(abs(square - 1.0F) < 1e-2F, slow, 0.0F));
 }
 
-template <bool kRk4, bool kHasRotorTerms>
+template <bool kRk4, bool kHasRotorTerms, std::size_t kRotors>
 void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks, Lanes<3>* path) {
   for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) {
     const At at{lane};
-    OdeState<F> s{load3(flock.travelled, lane),
-                  load3(flock.velocity, lane),
-                  load_rotation(flock.rotation, lane),
-                  load3(flock.turn, lane),
-                  {}};
+    OdeState<F, kRotors> s{load3(flock.travelled, lane),
+                           load3(flock.velocity, lane),
+                           load_rotation(flock.rotation, lane),
+                           load3(flock.turn, lane),
+                           {}};
     V3 integral = load3(flock.error_integral, lane);
     F command[kRotors];
     for (std::size_t i = 0; i < kRotors; ++i) {
@@ -41,15 +42,15 @@ void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, i
       command[i] = load(flock.rotor_command[i], lane);
     }
     const Inputs<F> in{load3(flock.wind, lane), load(flock.height, lane), flock.thrust_share, flock.push, flock.twist};
-    F set[7];
-    for (std::size_t i = 0; i < 7; ++i) set[i] = load(flock.setpoint[i], lane);
+    F set[kSetpoint];
+    for (std::size_t i = 0; i < kSetpoint; ++i) set[i] = load(flock.setpoint[i], lane);
     const bool has_own_drive = p.drains || p.command_keep != 0.0F;
     F reach2(0.0F);
     V3 velocity_before = s.velocity;
     V3 turn_before = s.turn;
     for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
       if (tick % p.control_ticks == 0) {
-        const OdeState<F> seen = s;  // a copy lets the state itself stay in registers
+        const OdeState<F, kRotors> seen = s;  // a copy lets the state itself stay in registers
         if (!flock.arrivals.empty()) take_arrivals(flock.arrivals, tick, lane, set);
         if (has_own_drive) {
           drive(p, n, at, seen, set, integral, flock.speed_share, command);
@@ -85,15 +86,21 @@ void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, i
   }
 }
 
-void fly(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks, Lanes<3>* path) {
+template <std::size_t kRotors>
+void fly_with(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks, Lanes<3>* path) {
   const bool has_rotor_terms = p.rotor_drag || p.rotor_lift || p.gyroscopic || p.ground_effect || p.downwash;
   if (p.is_rk4) {
-    has_rotor_terms ? fly_all<true, true>(p, n, flock, first_tick, ticks, path)
-                    : fly_all<true, false>(p, n, flock, first_tick, ticks, path);
+    has_rotor_terms ? fly_all<true, true, kRotors>(p, n, flock, first_tick, ticks, path)
+                    : fly_all<true, false, kRotors>(p, n, flock, first_tick, ticks, path);
   } else {
-    has_rotor_terms ? fly_all<false, true>(p, n, flock, first_tick, ticks, path)
-                    : fly_all<false, false>(p, n, flock, first_tick, ticks, path);
+    has_rotor_terms ? fly_all<false, true, kRotors>(p, n, flock, first_tick, ticks, path)
+                    : fly_all<false, false, kRotors>(p, n, flock, first_tick, ticks, path);
   }
+}
+
+void fly(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks, Lanes<3>* path) {
+  p.num_rotors > kMinRotors ? fly_with<kMaxRotors>(p, n, flock, first_tick, ticks, path)
+                            : fly_with<kMinRotors>(p, n, flock, first_tick, ticks, path);
 }
 
 }  // namespace flockstep::dynamics::HWY_NAMESPACE

@@ -19,31 +19,35 @@ using Lane = std::array<float, kLanes>;  // one number for each drone
 template <std::size_t kCount>
 using Lanes = std::array<Lane, kCount>;
 
+// The numbers of a setpoint, see Stage; unused ones are 0. Only rotor speeds are more than six.
+inline constexpr std::size_t kSetpoint = kMaxRotors;
+using Setpoint = std::array<float, kSetpoint>;
+
 // A command that takes effect within a leg: from this tick of the step on, for each lane; infinite: not at all.
 struct alignas(64) Arrival {
   Lane tick;
-  Lanes<7> setpoint;
+  Lanes<kSetpoint> setpoint;
 };
 
 // Drones in flight as a structure of arrays, in the world frame unless marked as body. A leg is a run of ticks flown without
 // storing the state.
 struct alignas(64) Flock {
   // The state.
-  Lanes<3> travelled{};            // m, since the leg began: stays small, to resolve small motions far from the origin
-  Lanes<3> velocity{};             // m/s
-  Lanes<4> rotation{};             // w, x, y, z: unit, body to world
-  Lanes<3> turn{};                 // angular velocity, rad/s, body
-  Lanes<kRotors> rotor{};          // rad/s
-  Lanes<kRotors> rotor_command{};  // rad/s, last commanded speeds
-  Lanes<3> error_integral{};       // m, integral of the velocity error in the controller
+  Lanes<3> travelled{};               // m, since the leg began: stays small, to resolve small motions far from the origin
+  Lanes<3> velocity{};                // m/s
+  Lanes<4> rotation{};                // w, x, y, z: unit, body to world
+  Lanes<3> turn{};                    // angular velocity, rad/s, body
+  Lanes<kMaxRotors> rotor{};          // rad/s; those that no drone of the batch has are neither read nor written
+  Lanes<kMaxRotors> rotor_command{};  // rad/s, last commanded speeds
+  Lanes<3> error_integral{};          // m, integral of the velocity error in the controller
   // Inputs, constant for the whole leg.
-  Lanes<3> wind{};                // m/s
-  Lane height{};                  // m above the ground at the start of the leg; infinite without ground
-  Lanes<kRotors> thrust_share{};  // share of its thrust that each rotor keeps in the wash of other drones; see Fleet
-  Lanes<7> setpoint{};            // see Stage
-  Lanes<kRotors> speed_share{};   // share of its commanded speed that each rotor is driven to; read if Physics::drains
-  Lanes<3> push{};                // m/s^2, world frame; acceleration by a force from outside; read if Physics::pushed
-  Lanes<3> twist{};               // rad/s^2, angular acceleration by a torque from outside; read if Physics::pushed
+  Lanes<3> wind{};                   // m/s
+  Lane height{};                     // m above the ground at the start of the leg; infinite without ground
+  Lanes<kMaxRotors> thrust_share{};  // share of its thrust that each rotor keeps in the wash of other drones; see Fleet
+  Lanes<kSetpoint> setpoint{};       // see Stage
+  Lanes<kMaxRotors> speed_share{};   // share of its commanded speed that each rotor is driven to; read if Physics::drains
+  Lanes<3> push{};                   // m/s^2, world frame; acceleration by a force from outside; read if Physics::pushed
+  Lanes<3> twist{};                  // rad/s^2, angular acceleration by a torque from outside; read if Physics::pushed
   // Results of the leg.
   Lanes<3> acceleration{};          // m/s^2, mean of the last tick
   Lanes<3> angular_acceleration{};  // rad/s^2, body, mean of the last tick
@@ -94,6 +98,17 @@ bool can_rk4(const Airframe& frame, const DynamicsConfig& config, double dt_s);
 // rotor speed. Explicit integration diverges if a tick is longer than about 2 over this rate.
 double stiffness(const Airframe& frame, const DynamicsConfig& config);
 
+// The coefficients of a rotor. One that the airframe does not have is zero, but for the mixer, which is that of the first rotor
+// and so limits nothing: the sign tells.
+template <class T>
+struct RotorNumbers {
+  std::array<T, 3> position{};
+  T yaw_sign{};               // sign of the torque about z: -1 for a rotor that turns counter-clockwise, 0 for none
+  T yaw_torque{};             // m, signed torque about z over thrust
+  std::array<T, 3> thrust{};  // c0, c1, c2
+  std::array<T, 4> mixer{};   // thrust from total thrust and torque about x, y, z
+};
+
 // The coefficients of an airframe and its controller, precomputed for the equations. T is float for one airframe and Lane for
 // the drones of a flock. Every member is a T or an array of T.
 template <class T>
@@ -103,11 +118,7 @@ struct AirframeNumbers {
   std::array<T, 3> inertia{}, inverse_inertia{};
   std::array<T, 3> linear_drag{}, quadratic_drag{};
   // the rotors
-  std::array<std::array<T, 3>, kRotors> position{};
-  std::array<T, kRotors> yaw_sign{};               // sign of the torque about z: -1 for a rotor that turns counter-clockwise
-  std::array<T, kRotors> yaw_torque{};             // m, signed torque about z over thrust
-  std::array<std::array<T, 3>, kRotors> thrust{};  // c0, c1, c2 of each rotor
-  T keep_half_up{}, keep_up{};                     // share of a speed difference left after half a tick and after a tick
+  T keep_half_up{}, keep_up{};  // share of a speed difference left after half a tick and after a tick
   T keep_half_down{}, keep_down{};
   T inverse_lag_up{}, inverse_lag_down{};  // 1/s; 0 without a lag
   T rotor_inertia{};
@@ -124,12 +135,13 @@ struct AirframeNumbers {
   std::array<T, 3> known_thrust{};  // c0, c1, c2
   // speed = (sqrt(discriminant + 4 c2 thrust) - c1) / (2 c2), or (thrust - c0) / c1 if c2 is 0
   T discriminant{}, four_c2{}, half_over_c2{}, one_over_c1{};
-  std::array<std::array<T, 4>, kRotors> mixer{};  // rotor thrusts from total thrust and torque about x, y, z
   T lead{};
   std::array<T, 3> rate_torque{};  // N m / (rad/s), rate gain times inertia, about x, y, z
   T attitude_gain{}, twice_attitude_gain{}, yaw_gain{};
   T velocity_gain{}, integral_gain{}, position_gain{};
   T max_integral{};
+  // The last member, so that batches of quadrotors read only the first half.
+  std::array<RotorNumbers<T>, kMaxRotors> rotors{};
 };
 
 // The coefficients of the drones of a flock.
@@ -137,13 +149,16 @@ struct alignas(64) LaneNumbers : AirframeNumbers<Lane> {};
 void set_lanes(const std::array<const AirframeNumbers<float>*, kLanes>& numbers, LaneNumbers& lanes);
 // Sets one lane, or copies one.
 void set_lane(const AirframeNumbers<float>& numbers, std::size_t lane, LaneNumbers& lanes);
-void copy_lane(const LaneNumbers& from, std::size_t lane, LaneNumbers& to, std::size_t to_lane);
+// num_rotors: that are copied.
+void copy_lane(const LaneNumbers& from, std::size_t lane, LaneNumbers& to, std::size_t to_lane, std::size_t num_rotors);
 
 // The coefficients of an airframe and of the controller made for it. control_dt_s: time between its calls.
 AirframeNumbers<float> numbers_of(const Airframe& frame, const DynamicsConfig& config, double dt_s, double control_dt_s);
-// Those of a drone with these parameters, with the controller of `known`, the numbers of its airframe.
-AirframeNumbers<float> numbers_of(const Airframe& frame, const AirframeNumbers<float>& known, const DroneParameters& parameters,
-                                  const DynamicsConfig& config, double dt_s, double control_dt_s);
+// Those of a drone with these parameters, which make `made` of its airframe, with the controller of `known`, the numbers of the
+// airframe.
+AirframeNumbers<float> numbers_of(const Airframe& frame, const Airframe& made, const AirframeNumbers<float>& known,
+                                  const DroneParameters& parameters, const DynamicsConfig& config, double dt_s,
+                                  double control_dt_s);
 
 // The flight settings that all drones of a batch share, and the coefficients of one airframe.
 struct Physics {
@@ -152,7 +167,8 @@ struct Physics {
   Physics(const Airframe& frame, const DynamicsConfig& config, double dt_s, int control_ticks);
   // True if drones of this airframe fly by rk4.
   static bool flies_by_rk4(const Airframe& frame, const DynamicsConfig& config, double dt_s);
-  // Turns on the terms that the other needs, so that drones of both airframes can fly in one flock. Uses rk4 only if both do.
+  // Turns on the terms and rotors that the other needs, so that drones of both airframes can fly in one flock. Uses rk4 only if
+  // both do.
   void include(const Physics& other);
 
   Stage stage = Stage::rotors;
@@ -166,6 +182,7 @@ struct Physics {
   bool pushed = false;                            // forces from outside
   float command_keep = 0.0F;                      // share of the last command left after the controller's lag; 0: no lag
   int control_ticks = 1;
+  std::size_t num_rotors = kMinRotors;  // the largest number of any airframe
   float dt = 0.0F;
   float max_turn = 0.0F;  // rad/s, half a turn in a tick: faster turns would alias to slower ones
   float control_dt = 0.0F;

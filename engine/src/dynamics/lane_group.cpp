@@ -66,7 +66,8 @@ void for_each_array(AnyState& state, const F& f) {
 
 }  // namespace
 
-LaneGroup::LaneGroup(std::span<const DroneIndex>& drones, const DroneRange& own) : is_row_(own.count >= kLanes) {
+LaneGroup::LaneGroup(std::span<const DroneIndex>& drones, const DroneRange& own, std::size_t num_rotors)
+    : is_row_(own.count >= kLanes), num_rotors_(num_rotors) {
   std::size_t count = 0;
   if (is_row_) {
     const std::size_t first = std::min<std::size_t>(drones[0], own.first + own.count - kLanes);
@@ -95,7 +96,7 @@ void LaneGroup::store(const LaneFlags& lanes, Flock& flock, State& state) const 
       if (is_row_ && !lanes[lane]) load(array, lane, values);
       if (!is_row_ && lanes[lane]) store(values, lane, array);
     }
-    if (is_row_) store_rows(values, array.data() + std::tuple_size_v<std::remove_reference_t<decltype(values)>> * drones_[0]);
+    if (is_row_) store_row(values, array);
   });
 }
 

@@ -27,11 +27,22 @@ inline void set(const Quat& q, std::size_t lane, Lanes<4>& lanes) {
   lanes[3][lane] = q.z();
 }
 
-// Copy the numbers of kLanes consecutive drones between arrays and lanes. rows: (kLanes, 3) or (kLanes, 4).
+// Copy the numbers of kLanes consecutive drones between arrays and lanes. rows: (kLanes, 3) or (kLanes, 4), for lanes of rotors
+// the first four.
 void load_rows(const float* rows, Lanes<3>& lanes);
-void load_rows(const float* rows, Lanes<4>& lanes);
+void load_rows4(const float* rows, Lane* lanes);
 void store_rows(const Lanes<3>& lanes, float* rows);
-void store_rows(const Lanes<4>& lanes, float* rows);
+void store_rows4(const Lane* lanes, float* rows);
+template <std::size_t kColumns>
+void load_rows(const float* rows, Lanes<kColumns>& lanes) {
+  static_assert(kColumns == 4 || kColumns == kMaxRotors);
+  load_rows4(rows, lanes.data());
+}
+template <std::size_t kColumns>
+void store_rows(const Lanes<kColumns>& lanes, float* rows) {
+  static_assert(kColumns == 4 || kColumns == kMaxRotors);
+  store_rows4(lanes.data(), rows);
+}
 
 // Sets position to origin + travelled, and remainder to the rounding error of that sum.
 void update_position(Flock& flock);
@@ -49,8 +60,8 @@ class LaneGroup {
   // Takes as many drones as fit from the front of an ascending list, and removes them from it. own: a range that holds the
   // listed drones and that no other thread reads or writes meanwhile. If it has at least kLanes drones, the lanes are
   // consecutive drones of it, and arrays are copied in one piece; drones that are not listed are stored unchanged. Otherwise
-  // the last drone fills the remaining lanes.
-  LaneGroup(std::span<const DroneIndex>& drones, const DroneRange& own);
+  // the last drone fills the remaining lanes. num_rotors: columns of the arrays of rotors, which Lanes<kMaxRotors> hold.
+  LaneGroup(std::span<const DroneIndex>& drones, const DroneRange& own, std::size_t num_rotors = kMinRotors);
 
   DroneIndex operator[](std::size_t lane) const { return drones_[lane]; }
   bool is_listed(std::size_t lane) const { return is_listed_[lane]; }
@@ -66,7 +77,7 @@ class LaneGroup {
   // Loads an array that is not part of the flock: (N, kColumns) or (N,).
   template <std::size_t kColumns>
   void load(const std::vector<float>& array, Lanes<kColumns>& lanes) const {
-    if (is_row_) return load_rows(array.data() + kColumns * drones_[0], lanes);
+    if (is_row_ && is_vectorised(lanes)) return load_rows(array.data() + columns_of(lanes) * drones_[0], lanes);
     for (std::size_t lane = 0; lane < kLanes; ++lane) load(array, lane, lanes);
   }
   void load(const std::vector<float>& array, Lane& lanes) const {
@@ -77,16 +88,37 @@ class LaneGroup {
  private:
   template <std::size_t kColumns>
   void load(const std::vector<float>& array, std::size_t lane, Lanes<kColumns>& lanes) const {
-    for (std::size_t k = 0; k < kColumns; ++k) lanes[k][lane] = array[kColumns * drones_[lane] + k];
+    const std::size_t columns = columns_of(lanes);
+    for (std::size_t k = 0; k < columns; ++k) lanes[k][lane] = array[columns * drones_[lane] + k];
   }
   template <std::size_t kColumns>
   void store(const Lanes<kColumns>& lanes, std::size_t lane, std::vector<float>& array) const {
-    for (std::size_t k = 0; k < kColumns; ++k) array[kColumns * drones_[lane] + k] = lanes[k][lane];
+    const std::size_t columns = columns_of(lanes);
+    for (std::size_t k = 0; k < columns; ++k) array[columns * drones_[lane] + k] = lanes[k][lane];
+  }
+
+  // Columns of the array that these lanes hold.
+  template <std::size_t kColumns>
+  std::size_t columns_of(const Lanes<kColumns>&) const {
+    return kColumns == kMaxRotors ? num_rotors_ : kColumns;
+  }
+
+  // True if load_rows() and store_rows() handle these lanes.
+  template <std::size_t kColumns>
+  bool is_vectorised(const Lanes<kColumns>& lanes) const {
+    return kColumns != kMaxRotors || columns_of(lanes) == 4;
+  }
+  // Stores all lanes, which are consecutive drones.
+  template <std::size_t kColumns>
+  void store_row(const Lanes<kColumns>& lanes, std::vector<float>& array) const {
+    if (is_vectorised(lanes)) return store_rows(lanes, array.data() + columns_of(lanes) * drones_[0]);
+    for (std::size_t lane = 0; lane < kLanes; ++lane) store(lanes, lane, array);
   }
 
   std::array<DroneIndex, kLanes> drones_;
   LaneFlags is_listed_{};
   bool is_row_ = false;
+  std::size_t num_rotors_;
 };
 
 }  // namespace flockstep::dynamics

@@ -18,7 +18,7 @@ HWY_BEFORE_NAMESPACE();
 namespace flockstep::dynamics::HWY_NAMESPACE {
 using namespace flockstep::HWY_NAMESPACE;  // the wide type
 
-// What is templated is computed with numbers of type T: F, or numbers that keep derivatives.
+// Templates compute with numbers of type T: F, or numbers that keep derivatives.
 using F = WideUpTo<kLanes>;
 using V3 = Wide3<F>;
 
@@ -38,7 +38,7 @@ HWY_NOINLINE inline void take_arrivals(std::span<const Arrival> arrivals, int ti
   const F now(static_cast<float>(tick));
   for (const Arrival& arrival : arrivals) {
     const F::Mask has_arrived = load(arrival.tick, lane) <= now;
-    for (std::size_t i = 0; i < 7; ++i) set[i] = select(has_arrived, load(arrival.setpoint[i], lane), set[i]);
+    for (std::size_t i = 0; i < kSetpoint; ++i) set[i] = select(has_arrived, load(arrival.setpoint[i], lane), set[i]);
   }
 }
 

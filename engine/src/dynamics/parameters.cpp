@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -36,6 +37,17 @@ const std::vector<ParameterInfo>& parameter_infos() {
   return infos;
 }
 
+constexpr std::size_t kFirstRotor = offsetof(DroneParameters, rotor_thrust_scale) / sizeof(float);
+constexpr std::size_t kLateRotors = kMaxRotors - kMinRotors;
+
+// Which random number draws a float. Rotors from the fifth on have the second word of the draw of the rotor four before them, so
+// that quadrotors draw the numbers that they drew before there were others.
+std::pair<std::uint32_t, std::uint32_t> key_of(std::size_t number) {
+  const bool is_late = number >= kFirstRotor + kMinRotors && number < kFirstRotor + kMaxRotors;
+  const std::size_t key = number < kFirstRotor + kMinRotors ? number : number - kLateRotors;
+  return {static_cast<std::uint32_t>(key), is_late ? 1U : 0U};
+}
+
 std::string range_of(const Limits& limits) { return expected_number(limits, false); }
 
 }  // namespace
@@ -62,8 +74,14 @@ void Variation::validate() const {
 namespace dynamics {
 
 Airframe varied(const Airframe& frame, const DroneParameters& p) {
+  Airframe made;
+  set_varied(frame, p, made);
+  return made;
+}
+
+void set_varied(const Airframe& frame, const DroneParameters& p, Airframe& made) {
   const auto d = [](float value) { return static_cast<double>(value); };
-  Airframe made = frame;
+  made = frame;
   const double body = frame.mass_kg * d(p.mass_scale), load = d(p.payload_kg);
   made.mass_kg = body + load;
   // Second moments of the mass along each axis: an inertia is the sum of the other two.
@@ -91,7 +109,6 @@ Airframe varied(const Airframe& frame, const DroneParameters& p) {
     made.linear_drag[k] *= d(p.body_drag_scale);
     made.quadratic_drag[k] *= d(p.body_drag_scale);
   }
-  return made;
 }
 
 double normal_quantile(double u) {
@@ -123,11 +140,14 @@ void check_parameters(std::span<const float> parameters, const std::string& name
   }
 }
 
-std::vector<std::size_t> parameters_named(const std::string& name, const char* field) {
+std::vector<std::size_t> parameters_named(const std::string& name, const char* field, std::size_t num_rotors) {
   const auto& infos = parameter_infos();
   std::vector<std::size_t> numbers;
   for (std::size_t i = 0; i < infos.size(); ++i) {
-    if (name == infos[i].name || name == infos[i].field) numbers.push_back(i);
+    if (name != infos[i].name && name != infos[i].field) continue;
+    const bool is_absent = i >= kFirstRotor + num_rotors && i < kFirstRotor + kMaxRotors;
+    if (!is_absent) numbers.push_back(i);
+    require(!is_absent || name != infos[i].name, field, "a rotor of drones with " + std::to_string(num_rotors), '"' + name + '"');
   }
   if (!numbers.empty()) return numbers;
   std::vector<std::string_view> known;
@@ -139,10 +159,12 @@ std::vector<std::size_t> parameters_named(const std::string& name, const char* f
 
 const Limits& limits_of_parameter(std::size_t number) { return parameter_infos()[number].limits; }
 
-Variations::Variations(std::span<const Variation> variations, std::size_t num_frames, const ClockConfig& clock) {
+Variations::Variations(std::span<const Variation> variations, std::span<const Airframe> airframes, const ClockConfig& clock) {
   const auto& infos = parameter_infos();
+  const std::size_t num_frames = airframes.size(), num_rotors = most_rotors(airframes);
   for (const Variation& variation : variations) {
-    for (const std::size_t number : parameters_named(variation.parameter, "variations.parameter")) add(variation, number);
+    for (const std::size_t number : parameters_named(variation.parameter, "variations.parameter", num_rotors))
+      add(variation, number);
   }
   const auto draws_frame = [&](const Entry& entry) { return infos[entry.number].name == "airframe"; };
   if (num_frames > 1 && std::ranges::none_of(entries_, draws_frame)) {
@@ -152,6 +174,8 @@ Variations::Variations(std::span<const Variation> variations, std::size_t num_fr
   }
   require(greatest_.airframe < static_cast<float>(std::max<std::size_t>(num_frames, 1)), "variations: airframe",
           "below the number of airframes (" + std::to_string(num_frames) + ")", greatest_.airframe);
+  require(greatest_.dead_rotor < static_cast<float>(num_rotors), "variations: dead_rotor",
+          "below the number of rotors (" + std::to_string(num_rotors) + ")", greatest_.dead_rotor);
   for (Entry& entry : entries_) {
     if (entry.variation.when != DrawnAt::interval) continue;
     const double steps = std::round(static_cast<double>(entry.variation.interval_s) / clock.step_s());
@@ -165,9 +189,12 @@ void Variations::add(const Variation& variation, std::size_t number) {
   for (const Entry& entry : entries_) {
     require(entry.number != number, "variations", "each parameter at most once", '"' + info.name + "\" twice");
   }
-  Entry entry{variation, number, static_cast<std::uint32_t>(number)};
+  const auto [key, word] = key_of(number);
+  Entry entry{variation, number, key, word};
   for (const Entry& other : entries_) {
-    if (!variation.group.empty() && other.variation.group == variation.group) entry.key = other.key;
+    if (variation.group.empty() || other.variation.group != variation.group) continue;
+    entry.key = other.key;
+    entry.word = other.word;
   }
   float low = variation.low, high = variation.high;
   if (variation.law == Law::choice) {
@@ -192,8 +219,10 @@ void Variations::draw_entry(const State& state, RandomKey key, const Entry& entr
   const Variation& v = entry.variation;
   constexpr auto kStream = static_cast<std::uint32_t>(stream_named("drone parameters"));
   const std::int64_t episode = v.when == DrawnAt::start ? 0 : episode_of(state, key);
-  const std::uint32_t index = entry.key + static_cast<std::uint32_t>(kNumParameters) * static_cast<std::uint32_t>(count);
-  const double u = (flockstep::draw(state.seed[key.env], episode, kStream, index, key.member)[0] + 0.5) * 0x1p-32;
+  constexpr auto kKeys = static_cast<std::uint32_t>(kNumParameters - kLateRotors);
+  const std::uint32_t index = entry.key + kKeys * static_cast<std::uint32_t>(count);
+  const auto bits = flockstep::draw(state.seed[key.env], episode, kStream, index, key.member)[entry.word];
+  const double u = (bits + 0.5) * 0x1p-32;
   const auto low = static_cast<double>(v.low), high = static_cast<double>(v.high);
   double value = low;
   switch (v.law) {

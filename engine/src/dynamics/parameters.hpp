@@ -19,6 +19,8 @@ namespace flockstep::dynamics {
 // moments about its centre are stretched (pseudo-inertia), and the payload is a point below it. Thrust includes thrust_scale, but
 // not rotor_thrust_scale.
 Airframe varied(const Airframe& frame, const DroneParameters& parameters);
+void set_varied(const Airframe& frame, const DroneParameters& parameters,
+                Airframe& made);  // allocates nothing if `made` has room
 
 // Number x with P(normal <= x) = u, 0 < u < 1, to 1e-7: M. J. Wichura, "Algorithm AS 241", Applied Statistics 37(3), 1988.
 double normal_quantile(double u);
@@ -27,9 +29,9 @@ double normal_quantile(double u);
 class Variations {
  public:
   Variations() = default;
-  // Throws std::invalid_argument for an unknown parameter, one that is drawn twice, and values outside its limits. num_frames:
-  // rows of the table of airframes; with several, episodes draw one unless a variation does.
-  Variations(std::span<const Variation> variations, std::size_t num_frames, const ClockConfig& clock);
+  // Throws std::invalid_argument for an unknown parameter, one that is drawn twice, and values outside its limits. With several
+  // airframes, episodes draw one unless a variation does.
+  Variations(std::span<const Variation> variations, std::span<const Airframe> airframes, const ClockConfig& clock);
 
   bool empty() const { return entries_.empty(); }
   bool differ() const { return differ_; }  // drones differ from each other, or in time
@@ -48,7 +50,7 @@ class Variations {
   struct Entry {
     Variation variation;
     std::size_t number = 0;           // of the float in DroneParameters
-    std::uint32_t key = 0;            // number of the first float of its group
+    std::uint32_t key = 0, word = 0;  // of the random number, those of the first float of its group
     std::int64_t interval_ticks = 0;  // 0: not redrawn
   };
 
@@ -60,9 +62,10 @@ class Variations {
   bool has_interval_ = false, differ_ = false;
 };
 
-// Numbers of the floats that a name stands for, such as "stretch" or "stretch[2]". Throws std::invalid_argument with the name of
-// the field that holds it, unless it is a field of DroneParameters or an element of one.
-std::vector<std::size_t> parameters_named(const std::string& name, const char* field);
+// Numbers of the floats that a name stands for, such as "stretch" or "stretch[2]", without those of rotors that no drone has.
+// Throws std::invalid_argument with the name of the field that holds it, unless it is a field of DroneParameters or an element of
+// one.
+std::vector<std::size_t> parameters_named(const std::string& name, const char* field, std::size_t num_rotors = kMaxRotors);
 const Limits& limits_of_parameter(std::size_t number);
 
 // The floats of parameters in the order of parameter_names().

@@ -85,7 +85,7 @@ double stiffness(const Airframe& frame, const DynamicsConfig& config) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const double linear =
         body * (frame.linear_drag[axis] + 2.0 * frame.quadratic_drag[axis] * static_cast<double>(config.max_speed_mps));
-    fastest = std::max(fastest, (kRotors * rotors * drag[axis] + linear) / frame.mass_kg);
+    fastest = std::max(fastest, (static_cast<double>(frame.num_rotors()) * rotors * drag[axis] + linear) / frame.mass_kg);
     const std::size_t second = (axis + 1) % 3, third = (axis + 2) % 3;
     double torque = 0.0;
     for (const auto& at : frame.position_m) {
@@ -93,8 +93,9 @@ double stiffness(const Airframe& frame, const DynamicsConfig& config) {
     }
     fastest = std::max(fastest, torque / frame.inertia_kgm2[axis]);
   }
-  // Rotor spin: two opposite rotors at full speed, the others at rest.
-  const double momentum = config.gyroscopic ? 2.0 * frame.rotor_inertia_kgm2 * frame.max_speed_radps : 0.0;
+  // Rotor spin: half of the rotors at full speed, those that turn the other way at rest.
+  const double half = 0.5 * static_cast<double>(frame.num_rotors());
+  const double momentum = config.gyroscopic ? half * frame.rotor_inertia_kgm2 * frame.max_speed_radps : 0.0;
   const double slowest = std::sqrt(frame.inertia_kgm2[0] * frame.inertia_kgm2[1]);
   return std::max(fastest, momentum / slowest);
 }
@@ -124,11 +125,12 @@ void set_body(const Airframe& frame, const DynamicsConfig& config, double dt_s, 
   n.linear_drag = narrow(frame.linear_drag);
   n.quadratic_drag = narrow(frame.quadratic_drag);
   const auto torque_ratio = narrow(frame.torque_ratio_m);
-  for (std::size_t i = 0; i < kRotors; ++i) {
-    n.position[i] = narrow(frame.position_m[i]);
-    n.yaw_sign[i] = frame.spin[i] == Spin::ccw ? -1.0F : 1.0F;
-    n.yaw_torque[i] = n.yaw_sign[i] * torque_ratio;
-    n.thrust[i] = narrow(frame.thrust_n);
+  for (std::size_t i = 0; i < frame.num_rotors(); ++i) {
+    RotorNumbers<float>& rotor = n.rotors[i];
+    rotor.position = narrow(frame.position_m[i]);
+    rotor.yaw_sign = frame.spin[i] == Spin::ccw ? -1.0F : 1.0F;
+    rotor.yaw_torque = rotor.yaw_sign * torque_ratio;
+    rotor.thrust = narrow(frame.thrust_n);
   }
   const double up = config.rotor_lag ? frame.lag_up_s : 0.0;
   const double down = config.rotor_lag ? frame.lag_down_s : 0.0;
@@ -153,16 +155,18 @@ AirframeNumbers<float> numbers_of(const Airframe& frame, const DynamicsConfig& c
   set_body(frame, config, dt_s, n);
   n.mass = narrow(frame.mass_kg);
   n.known_inertia = n.inertia;
-  Eigen::Matrix4d allocation;  // from rotor thrusts to total thrust and torque about x, y, z
-  for (std::size_t i = 0; i < kRotors; ++i) {
+  const auto num_rotors = static_cast<Eigen::Index>(frame.num_rotors());
+  Eigen::Matrix4Xd allocation(4, num_rotors);  // from rotor thrusts to total thrust and torque about x, y, z
+  for (std::size_t i = 0; i < frame.num_rotors(); ++i) {
     allocation.col(static_cast<Eigen::Index>(i)) << 1.0, frame.position_m[i][1], -frame.position_m[i][0],
-        static_cast<double>(n.yaw_sign[i]) * frame.torque_ratio_m;
+        static_cast<double>(n.rotors[i].yaw_sign) * frame.torque_ratio_m;
   }
-  const Eigen::Matrix4d inverse = allocation.inverse();
-  for (std::size_t i = 0; i < kRotors; ++i) {
-    for (std::size_t k = 0; k < 4; ++k) {
-      n.mixer[i][k] = narrow(inverse(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)));
-    }
+  // With more than four rotors, the thrusts with the least sum of squares.
+  Eigen::MatrixXd inverse = Eigen::Matrix4d(allocation.leftCols<4>()).inverse();
+  if (num_rotors > 4) inverse = allocation.transpose() * Eigen::Matrix4d(allocation * allocation.transpose()).inverse();
+  for (std::size_t i = 0; i < kMaxRotors; ++i) {
+    const auto row = static_cast<Eigen::Index>(i < frame.num_rotors() ? i : 0);
+    for (std::size_t k = 0; k < 4; ++k) n.rotors[i].mixer[k] = narrow(inverse(row, static_cast<Eigen::Index>(k)));
   }
   n.known_thrust = narrow(frame.thrust_n);
   const auto [c0, c1, c2] = n.known_thrust;
@@ -183,12 +187,13 @@ AirframeNumbers<float> numbers_of(const Airframe& frame, const DynamicsConfig& c
   return n;
 }
 
-AirframeNumbers<float> numbers_of(const Airframe& frame, const AirframeNumbers<float>& known, const DroneParameters& parameters,
-                                  const DynamicsConfig& config, double dt_s, double control_dt_s) {
+AirframeNumbers<float> numbers_of(const Airframe& frame, const Airframe& made, const AirframeNumbers<float>& known,
+                                  const DroneParameters& parameters, const DynamicsConfig& config, double dt_s,
+                                  double control_dt_s) {
   AirframeNumbers<float> n = known;
-  set_body(varied(frame, parameters), config, dt_s, n);
-  for (std::size_t i = 0; i < kRotors; ++i) {
-    for (float& c : n.thrust[i]) c *= parameters.rotor_thrust_scale[i];
+  set_body(made, config, dt_s, n);
+  for (std::size_t i = 0; i < frame.num_rotors(); ++i) {
+    for (float& c : n.rotors[i].thrust) c *= parameters.rotor_thrust_scale[i];
   }
   set_gains(Gains::of(frame, config, control_dt_s), parameters, config, n);
   return n;
@@ -204,6 +209,7 @@ Physics::Physics(const Airframe& frame, const DynamicsConfig& config, double dt_
       ground_effect(config.ground_effect && frame.radius_m != 0.0),
       downwash(config.downwash && frame.radius_m != 0.0),
       control_ticks(ticks),
+      num_rotors(frame.num_rotors()),
       dt(narrow(dt_s)),
       control_dt(narrow(dt_s * ticks)),
       numbers(numbers_of(frame, config, dt_s, dt_s * ticks)) {
@@ -237,6 +243,7 @@ void Physics::include(const Physics& other) {
     this->*term |= other.*term;
   }
   is_rk4 &= other.is_rk4;
+  num_rotors = std::max(num_rotors, other.num_rotors);
 }
 
 // Transposes four numbers at a time with vector instructions: one number at a time takes twice as long.
@@ -271,8 +278,9 @@ void set_lane(const AirframeNumbers<float>& numbers, std::size_t lane, LaneNumbe
   for (std::size_t i = 0; i < kFloats; ++i) lanes_of(lanes)[i][lane] = from[i];
 }
 
-void copy_lane(const LaneNumbers& from, std::size_t lane, LaneNumbers& to, std::size_t to_lane) {
-  for (std::size_t i = 0; i < kFloats; ++i) lanes_of(to)[i][to_lane] = lanes_of(from)[i][lane];
+void copy_lane(const LaneNumbers& from, std::size_t lane, LaneNumbers& to, std::size_t to_lane, std::size_t num_rotors) {
+  const std::size_t count = kFloats - (kMaxRotors - num_rotors) * sizeof(RotorNumbers<float>) / sizeof(float);
+  for (std::size_t i = 0; i < count; ++i) lanes_of(to)[i][to_lane] = lanes_of(from)[i][lane];
 }
 
 }  // namespace flockstep::dynamics

@@ -41,12 +41,12 @@ class GroupFlight {
         physics_(physics),
         state_(context.state),
         flock_(context.scratch.flock),
-        group_(drones, context.own),
+        group_(drones, context.own, context.fleet.num_rotors()),
         numbers_(fleet_.lane_numbers.empty() ? fleet_.physics.lanes : own_numbers()) {}
 
   void update_accelerations() {
     load();
-    for (std::size_t i = 0; i < kRotors; ++i) flock_.setpoint[i] = flock_.rotor[i];
+    for (std::size_t i = 0; i < kMaxRotors; ++i) flock_.setpoint[i] = flock_.rotor[i];
     advance(0, 1);
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       if (group_.is_listed(lane) && is_good(lane)) group_.store_accelerations(lane, flock_, state_);
@@ -109,7 +109,7 @@ class GroupFlight {
     LaneNumbers& numbers = context_.scratch.numbers;
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const DroneIndex drone = group_[lane];
-      copy_lane(fleet_.lane_numbers[drone / kLanes], drone % kLanes, numbers, lane);
+      copy_lane(fleet_.lane_numbers[drone / kLanes], drone % kLanes, numbers, lane, fleet_.num_rotors());
     }
     return numbers;
   }
@@ -128,7 +128,7 @@ class GroupFlight {
     }
     for (std::size_t lane = 0; physics_.drains && lane < kLanes; ++lane) {
       const auto shares = fleet_.speed_share(state_, group_[lane], step_start(lane));
-      for (std::size_t i = 0; i < kRotors; ++i) flock_.speed_share[i][lane] = shares[i];
+      for (std::size_t i = 0; i < fleet_.num_rotors(); ++i) flock_.speed_share[i][lane] = shares[i];
     }
   }
 
@@ -164,7 +164,7 @@ class GroupFlight {
       const std::int64_t start = step_start(lane);
       std::size_t count = 0;
       fleet_.commands.for_each(group_[lane], start + first_tick, start + first_tick + ticks, [&](const float* command, auto at) {
-        std::copy_n(command, 4, input.command.data());
+        std::copy_n(command, fleet_.command_size(control_of(commands)), input.command.data());
         const auto setpoint = setpoint_of(control_of(commands), fleet_.airframe_of(group_[lane]), input);
         arrivals.add(setpoint, static_cast<float>(at - start), lane, count++, flock_);
       });
@@ -181,7 +181,8 @@ class GroupFlight {
       input.from = commands.step_start[drone];
       input.target = commands.target[drone];
     } else {
-      std::copy_n(commands.command.data() + 4 * drone, 4, input.command.data());
+      const std::size_t size = fleet_.command_size(control);
+      std::copy_n(commands.command.data() + size * drone, size, input.command.data());
     }
     return input;
   }

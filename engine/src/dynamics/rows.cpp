@@ -15,16 +15,24 @@ void load_3(const float* rows, Lanes<3>& lanes) {
   for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) store3(V3::load_rows(rows + 3 * lane), lanes, lane);
 }
 
-void load_4(const float* rows, Lanes<4>& lanes) {
-  for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) store_rotation(load_rows4(rows + 4 * lane), lanes, lane);
+void load_4(const float* rows, Lane* lanes) {
+  for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) {
+    const Q q = load_rows4(rows + 4 * lane);
+    store(q.w, lanes[0], lane);
+    store(q.x, lanes[1], lane);
+    store(q.y, lanes[2], lane);
+    store(q.z, lanes[3], lane);
+  }
 }
 
 void store_3(const Lanes<3>& lanes, float* rows) {
   for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) load3(lanes, lane).store_rows(rows + 3 * lane);
 }
 
-void store_4(const Lanes<4>& lanes, float* rows) {
-  for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) store_rows4(load_rotation(lanes, lane), rows + 4 * lane);
+void store_4(const Lane* lanes, float* rows) {
+  for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) {
+    store_rows4({load(lanes[0], lane), load(lanes[1], lane), load(lanes[2], lane), load(lanes[3], lane)}, rows + 4 * lane);
+  }
 }
 
 // Sum with exact remainder: D. E. Knuth, "The Art of Computer Programming", volume 2, 4.2.2.
@@ -53,9 +61,9 @@ HWY_EXPORT(store_4);
 HWY_EXPORT(update_position);
 
 void load_rows(const float* rows, Lanes<3>& lanes) { HWY_DYNAMIC_DISPATCH(load_3)(rows, lanes); }
-void load_rows(const float* rows, Lanes<4>& lanes) { HWY_DYNAMIC_DISPATCH(load_4)(rows, lanes); }
+void load_rows4(const float* rows, Lane* lanes) { HWY_DYNAMIC_DISPATCH(load_4)(rows, lanes); }
 void store_rows(const Lanes<3>& lanes, float* rows) { HWY_DYNAMIC_DISPATCH(store_3)(lanes, rows); }
-void store_rows(const Lanes<4>& lanes, float* rows) { HWY_DYNAMIC_DISPATCH(store_4)(lanes, rows); }
+void store_rows4(const Lane* lanes, float* rows) { HWY_DYNAMIC_DISPATCH(store_4)(lanes, rows); }
 void update_position(Flock& flock) { HWY_DYNAMIC_DISPATCH(update_position)(flock); }
 
 }  // namespace flockstep::dynamics

@@ -10,13 +10,13 @@ float yaw_of(const Quat& q) {
   return std::atan2(2.0F * (q.x() * q.y() + q.w() * q.z()), 1.0F - 2.0F * (q.y() * q.y() + q.z() * q.z()));
 }
 
-std::array<float, 7> setpoint_of(Control control, const Airframe& frame, const SetpointInput& input) {
-  const auto& [a, b, c, d] = input.command;
+Setpoint setpoint_of(Control control, const Airframe& frame, const SetpointInput& input) {
+  const float a = input.command[0], b = input.command[1], c = input.command[2], d = input.command[3];
   switch (control) {
     case Control::rotor_speeds:
     case Control::rotor_thrusts: {
-      std::array<float, 7> speeds{};
-      for (std::size_t i = 0; i < kRotors; ++i) {
+      Setpoint speeds{};
+      for (std::size_t i = 0; i < frame.num_rotors(); ++i) {
         const double given = static_cast<double>(input.command[i]);
         const double speed = control == Control::rotor_speeds ? given : frame.speed_for(given);
         speeds[i] = static_cast<float>(std::clamp(speed, frame.min_speed_radps, frame.max_speed_radps));

@@ -7,10 +7,10 @@
 
 namespace flockstep::dynamics {
 
-ShownParameters::ShownParameters(std::span<const std::string> names) {
+ShownParameters::ShownParameters(std::span<const std::string> names, std::size_t num_rotors) {
   const DroneParameters defaults;
   for (const std::string& name : names) {
-    for (const std::size_t number : parameters_named(name, "privileged")) {
+    for (const std::size_t number : parameters_named(name, "privileged", num_rotors)) {
       require(std::ranges::find(numbers_, number) == numbers_.end(), "privileged", "each parameter at most once",
               '"' + parameter_names()[number] + "\" twice");
       numbers_.push_back(number);

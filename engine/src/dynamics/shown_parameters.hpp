@@ -15,8 +15,9 @@ namespace flockstep::dynamics {
 
 class ShownParameters {
  public:
-  // Throws std::invalid_argument if a name is unknown, or stands for a float that an earlier one stands for.
-  explicit ShownParameters(std::span<const std::string> names);
+  // Throws std::invalid_argument if a name is unknown, or stands for a float that an earlier one stands for. num_rotors: of the
+  // drones.
+  explicit ShownParameters(std::span<const std::string> names, std::size_t num_rotors = kMaxRotors);
 
   bool empty() const { return numbers_.empty(); }
   std::size_t size() const { return numbers_.size(); }  // floats of a drone

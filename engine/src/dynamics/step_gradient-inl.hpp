@@ -54,7 +54,7 @@ HWY_INLINE void set_from_command(Control control, const Physics& p, const Number
 // Flies a step of a few ticks, with the controller in each.
 template <class T, class A>
 HWY_NOINLINE void fly_ticks(const Physics& p, int ticks, const Numbers& n, A at, const T* set, const Inputs<T>& in,
-                            const Lanes<kRotors>& speed_share, Flown<T>& s) {
+                            const Lanes<kMaxRotors>& speed_share, Flown<T>& s) {
   const bool has_own_drive = p.drains || p.command_keep != 0.0F;
   for (int tick = 0; tick < ticks; ++tick) {
     const OdeState<T> seen = s.ode;

@@ -60,6 +60,8 @@ StepGradient::StepGradient(const Fleet& fleet, int ticks_of_step)
   require(control == Control::rotor_speeds || control == Control::rotor_thrusts || control == Control::body_rates ||
               control == Control::velocity || control == Control::heading_velocity,
           "control", "rotor_speeds, rotor_thrusts, body_rates, velocity or heading_velocity, which have derivatives", "another");
+  require(fleet.num_rotors() == kRotors, "drone", "quadrotors, whose flight has derivatives",
+          "one with " + std::to_string(fleet.num_rotors()) + " rotors");
   require(fleet.commands.empty(), "variations", "commands that are not late, which have no derivative", "action_delay_s");
   physics = Physics(fleet.airframes[0], fleet.config, dt_s_, 1);
   for (const Airframe& frame : fleet.airframes) physics.include(Physics(frame, fleet.config, dt_s_, 1));
@@ -115,8 +117,9 @@ void StepGradient::read_numbers(const State& state, const LaneDrones& drones, La
     const Airframe& frame = fleet_.airframe_of(drones[lane]);
     own[lane] = numbers_of(frame, fleet_.config, dt_s_, dt_s_);
     if (!fleet_.has_parameters()) continue;
-    own[lane] = numbers_of(frame, AirframeNumbers<float>(own[lane]), Fleet::parameters_of(state, drones[lane]), fleet_.config,
-                           dt_s_, dt_s_);
+    const DroneParameters parameters = Fleet::parameters_of(state, drones[lane]);
+    own[lane] =
+        numbers_of(frame, varied(frame, parameters), AirframeNumbers<float>(own[lane]), parameters, fleet_.config, dt_s_, dt_s_);
   }
   set_lanes(rows, numbers);
 }

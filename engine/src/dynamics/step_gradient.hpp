@@ -19,6 +19,7 @@ namespace flockstep::dynamics {
 
 // Numbers of a drone's state that its flight changes, in this order: position, velocity, rotation, turn, integral of the velocity
 // error, rotor speeds, commanded rotor speeds. See Flock.
+inline constexpr std::size_t kRotors = 4;  // only the flight of quadrotors has derivatives
 inline constexpr std::size_t kFlownRotor = 16, kFlown = kFlownRotor + 2 * kRotors;
 using FlownLanes = Lanes<kFlown>;
 
@@ -42,16 +43,17 @@ void for_each_flown(T& state, const F& f) {
 // The drones of the lanes; drones beyond the last one are copies of it.
 using LaneDrones = std::array<DroneIndex, kLanes>;
 
-// What a step began with.
+// The start of a step.
 struct alignas(64) StepStart {
   FlownLanes flown;
   Lanes<3> wind, push, twist;
-  Lanes<kRotors> thrust_share, speed_share;
+  Lanes<kMaxRotors> thrust_share, speed_share;
 };
 
 class StepGradient {
  public:
-  // ticks: of a step. Throws std::invalid_argument if the control of the fleet, or a late command, has no derivative.
+  // ticks: of a step. Throws std::invalid_argument if an airframe or the control of the fleet, or a late command, has no
+  // derivative.
   StepGradient(const Fleet& fleet, int ticks);
 
   // Reads the state of drones before a step, or only what flight changes.

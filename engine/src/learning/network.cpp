@@ -92,7 +92,7 @@ void pull_back_inputs(Features features, const float* observation, const float* 
           "others");
   if (features == Features::flat) return void(std::copy_n(d_inputs, size, d_observation));
   std::copy_n(d_inputs + kDirection, size, d_observation);
-  // Of observation / (length + kNearPoint).
+  // The first inputs are observation / (length + kNearPoint).
   const float x = observation[0], y = observation[1], z = observation[2];
   const float length = std::sqrt(x * x + y * y + z * z), scale = 1.0F / (length + kNearPoint);
   const float along = x * d_inputs[0] + y * d_inputs[1] + z * d_inputs[2];

@@ -103,7 +103,8 @@ Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t
       pixels_(area(config.image_width_px(), config.image_height_px())),
       rendered_pixels_(area(config.width_px, config.height_px)),
       settings_(config, num_drones, false, &render::make_pinhole_camera),
-      mounting_(num_drones, matrix_of(config.quat_wxyz)) {
+      mounting_(num_drones, matrix_of(config.quat_wxyz)),
+      delay_(config, label(), 0, clock, drones_per_env, num_drones) {  // frames are taken after steps, whatever the rate
   flockstep::allocate(taken_, {.num_drones = num_drones});
   allocate_images(images_, config.outputs, num_drones, pixels_);
   if (config.resize) {
@@ -113,6 +114,8 @@ Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t
     frames_.rgb.resize(3 * num_drones * rendered_pixels_);
   }
   images_.frame_step.resize(num_drones, -1);
+  images_.age_s.resize(num_drones);
+  if (is_late()) rings_.allocate(images_, num_drones, delay_.num_rows());
 }
 
 CameraConfig Camera::config_of(DroneIndex drone) const {
@@ -167,16 +170,29 @@ bool Camera::is_due(DroneIndex drone, const State& state, std::uint64_t seen) co
   }
 }
 
-render::RenderRequest Camera::take(DroneIndex drone, const World& world, const State& state, std::uint64_t seen) {
+std::optional<render::RenderRequest> Camera::take(DroneIndex drone, const World& world, const State& state, std::uint64_t seen) {
   const std::size_t env = drone / drones_per_env_;
+  taken_.tick[drone] = state.tick[env];
+  if (is_late() && !delay_.add(state, drone)) return std::nullopt;
   const Pose pose = pose_of(state, drone);
   store_pose(&taken_.position[3 * drone], &taken_.quat_wxyz[4 * drone], pose);
   taken_.world[drone] = state.world_index[env];
-  taken_.tick[drone] = state.tick[env];
   if (bodies_per_env_ > 0) taken_.bodies[drone] = state.bodies.changes[env];
   taken_.drones[drone] = static_cast<std::int64_t>(seen);
-  images_.frame_step[drone] = std::max<std::int64_t>(state.sensed[env], 0);
+  written().frame_step[row_of(drone)] = std::max<std::int64_t>(state.sensed[env], 0);
   return request(drone, world, pose);
+}
+
+void Camera::publish(DroneIndex drone, const State& state) {
+  const std::int64_t tick = state.tick[drone / drones_per_env_];
+  if (!is_late()) {
+    if (images_.frame_step[drone] >= 0) images_.age_s[drone] = delay_.seconds(tick - taken_.tick[drone]);
+    return;
+  }
+  const std::optional<std::size_t> row = delay_.arrived(drone, tick);
+  if (!row) return;
+  rings_.get(*row, images_, drone);
+  images_.age_s[drone] = delay_.age_s(*row, tick);
 }
 
 render::RenderRequest Camera::retake(DroneIndex drone, const World& world) {
@@ -202,8 +218,10 @@ render::RenderRequest Camera::request(DroneIndex drone, const World& world, cons
                                 .drones = drones_.seen_by(drone, drones_per_env_)};
   // Frames are rendered directly into the camera's images, unless they must be converted first.
   const auto image = [&](auto CameraImages::* output, std::size_t values) {
-    auto& frames = (frames_.*output).empty() && !resample_ ? images_.*output : frames_.*output;
-    return frames.empty() ? nullptr : frames.data() + drone * rendered_pixels_ * values;
+    const bool is_direct = (frames_.*output).empty() && !resample_;
+    auto& frames = is_direct ? written().*output : frames_.*output;
+    return frames.empty() ? nullptr
+                          : frames.data() + (is_direct ? row_of(drone) : std::size_t{drone}) * rendered_pixels_ * values;
   };
   request.frame = {.rgb = image(&CameraImages::rgb, 3),
                    .depth = image(&CameraImages::depth, 1),
@@ -215,12 +233,13 @@ render::RenderRequest Camera::request(DroneIndex drone, const World& world, cons
 }
 
 void Camera::convert(DroneIndex drone, ConversionScratch& scratch) {
-  const auto written = [&](auto& images, std::size_t values) { return images.data() + drone * pixels_ * values; };
+  CameraImages& images = written();
+  const auto of_row = [&](auto& image, std::size_t values) { return image.data() + row_of(drone) * pixels_ * values; };
   const auto rendered = [&](auto& images, std::size_t values) { return images.data() + drone * rendered_pixels_ * values; };
-  std::uint8_t* rgb = config_.outputs.rgb ? written(images_.rgb, 3) : nullptr;
+  std::uint8_t* rgb = config_.outputs.rgb ? of_row(images.rgb, 3) : nullptr;
   if (resample_) {
-    if (config_.outputs.depth) (*resample_)(rendered(frames_.depth, 1), written(images_.depth, 1), 1, scratch.resample);
-    if (config_.outputs.grey) (*resample_)(rendered(frames_.grey, 1), written(images_.grey, 1), 1, scratch.resample);
+    if (config_.outputs.depth) (*resample_)(rendered(frames_.depth, 1), of_row(images.depth, 1), 1, scratch.resample);
+    if (config_.outputs.grey) (*resample_)(rendered(frames_.grey, 1), of_row(images.grey, 1), 1, scratch.resample);
     if (rendering_.outputs.rgb) {
       if (rgb == nullptr) {
         scratch.rgb.resize(3 * pixels_);
@@ -236,7 +255,7 @@ void Camera::convert(DroneIndex drone, ConversionScratch& scratch) {
     rgb = rendered(frames_.rgb, 3);
   }
   if (config_.outputs.hsv) {
-    imaging::rgb_to_hsv(rgb, config_.image_width_px(), config_.image_height_px(), config_.layout, written(images_.hsv, 3),
+    imaging::rgb_to_hsv(rgb, config_.image_width_px(), config_.image_height_px(), config_.layout, of_row(images.hsv, 3),
                         scratch.hsv);
   }
 }
@@ -253,7 +272,10 @@ void Camera::visit(ArrayVisitor& visitor) {
   settings_.visit(label(), visitor);
   visitor.fields(taken_);
   visitor.array("frame_step", images_.frame_step);
-  if (bodies_per_env_ > 0 || sees_drones_) visit_images(visitor);
+  visitor.array("frame_age_s", images_.age_s);
+  if (is_late()) rings_.visit(visitor);
+  delay_.visit(visitor);
+  if (bodies_per_env_ > 0 || sees_drones_ || is_late()) visit_images(visitor);
 }
 
 void Camera::visit_images(ArrayVisitor& visitor) {
@@ -267,6 +289,8 @@ void Camera::restored() {
 }
 
 void Camera::check() const {
+  delay_.check();
+  check_values(std::span<const float>(images_.age_s), "snapshot: frame_age_s", Values::finite);
   for (std::size_t i = 0; i < settings_.size(); ++i) {
     const DroneIndex drone(i);
     const std::int64_t step = images_.frame_step[drone];

@@ -19,6 +19,7 @@
 #include "flockstep/world.hpp"
 #include "imaging/resample.hpp"
 #include "render/render_request.hpp"
+#include "sensors/delay.hpp"
 #include "sensors/drone_settings.hpp"
 #include "sensors/sensor.hpp"
 
@@ -59,8 +60,12 @@ class Camera final : public Sensor {
   // Changes some fields of some drones. The change is validated before any drone is changed.
   void change(const CameraChange& change, std::span<const DroneIndex> drones);
 
-  // Marks the drone's frame as out of date, as after a reset.
-  void mark_stale(DroneIndex drone) { images_.frame_step[drone] = -1; }
+  // Marks the drone's frame as out of date, as after a reset. Frames that are under way do not arrive.
+  void mark_stale(DroneIndex drone) {
+    images_.frame_step[drone] = -1;
+    images_.age_s[drone] = 0.0F;
+    delay_.forget(drone);
+  }
   void use_default_settings(DroneIndex drone) override { set_config(drone, config_); }
   // Clears the images of a removed drone: black, depth inf, ids 0.
   void clear(DroneIndex drone) override;
@@ -68,10 +73,14 @@ class Camera final : public Sensor {
   // Returns whether a step or sense() must render the drone's frame. seen: another number if a drone of the env has moved.
   bool is_due(DroneIndex drone, const State& state, std::uint64_t seen) const;
   // Returns a request for the view from the drone's current pose, and records its frame as taken there, at this reading of
-  // the episode.
-  render::RenderRequest take(DroneIndex drone, const World& world, const State& state, std::uint64_t seen);
+  // the episode. None if the frame will be lost.
+  std::optional<render::RenderRequest> take(DroneIndex drone, const World& world, const State& state, std::uint64_t seen);
   // Returns a request that renders the recorded frame again.
   render::RenderRequest retake(DroneIndex drone, const World& world);
+  // True if frames arrive later than they are taken, or may be lost.
+  bool is_late() const { return delay_.is_late(); }
+  // Brings the image and its age up to date, when the frames of this step are rendered.
+  void publish(DroneIndex drone, const State& state);
 
   // True if the written images differ from the rendered ones because images are resized or hsv is computed. Each frame must
   // then be converted after rendering.
@@ -113,6 +122,9 @@ class Camera final : public Sensor {
     }
   };
   render::RenderRequest request(DroneIndex drone, const World& world, const Pose& pose);
+  // Frames are written to the published images, or to a ring until they arrive.
+  CameraImages& written() { return is_late() ? rings_.arrays() : images_; }
+  std::size_t row_of(DroneIndex drone) const { return is_late() ? delay_.newest(drone) : std::size_t{drone}; }
 
   CameraConfig config_;
   CameraConfig rendering_;  // configuration of the renderer: no resize, rgb instead of hsv
@@ -125,6 +137,8 @@ class Camera final : public Sensor {
   Taken taken_;
   std::vector<CaptureMode> mode_;  // (1,) mode in the last snapshot, until restored()
   CameraImages images_;
+  Delay delay_;
+  Rings<CameraImages> rings_;
   std::optional<imaging::Resample> resample_;
   CameraImages frames_;  // rendered images, if they differ from the written ones
   render::VisibleBodies bodies_;

@@ -45,6 +45,8 @@ CameraRig::CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig
   requests_.reserve(num_drones * cameras_.size());
   const auto converting = std::ranges::count_if(cameras_, [](const auto& camera) { return camera->converts(); });
   conversions_.reserve(num_drones * static_cast<std::size_t>(converting));
+  const auto late = std::ranges::count_if(cameras_, [](const auto& camera) { return camera->is_late(); });
+  late_.reserve(num_drones * static_cast<std::size_t>(late));
   for (const World* const world : worlds_) {
     if (world != nullptr) require_world(*world);
   }
@@ -121,13 +123,15 @@ void CameraRig::ask_now(std::size_t camera, std::span<const DroneIndex> drones) 
   Camera& chosen = *cameras_[camera];
   Sight sight(*this);
   for (const DroneIndex drone : drones) {
-    request(chosen, drone, chosen.take(drone, world_of(drone), *state_, sight.of(drone)));
+    take(chosen, drone, sight.of(drone));
+    publish(chosen, drone);
   }
 }
 
 void CameraRig::ask_again() {
   clear_requests();
   for (std::size_t camera = 0; camera < size(); ++camera) {
+    if (cameras_[camera]->is_late()) continue;  // the snapshot has its images
     for (std::size_t i = 0; i < num_drones_; ++i) {
       const DroneIndex drone(i);
       if (!state_->active[drone] || cameras_[camera]->images().frame_step[drone] < 0) continue;
@@ -146,6 +150,7 @@ render::RenderRequest CameraRig::retake(std::size_t camera, DroneIndex drone) co
 void CameraRig::clear_requests() {
   requests_.clear();
   conversions_.clear();
+  late_.clear();
   if (!lights_->empty()) lights_->free_unused();
 }
 
@@ -160,6 +165,9 @@ void CameraRig::finish(Workers& workers) {
       workers.run(conversions_.size(), [&](std::size_t i, std::size_t thread) {
         conversions_[i].camera->convert(conversions_[i].drone, scratch_[thread]);
       });
+    }
+    if (!late_.empty()) {
+      workers.run(late_.size(), [&](std::size_t i, std::size_t) { late_[i].camera->publish(late_[i].drone, *state_); });
     }
   } catch (...) {  // some frames have not been rendered, and we cannot tell which
     for (std::size_t i = 0; i < num_drones_; ++i) mark_stale(DroneIndex(i));

@@ -66,7 +66,8 @@ class CameraRig {
       Sight sight(*this);
       for_each_drone([&](DroneIndex drone) {
         const std::uint64_t seen = sight.of(drone);
-        if (camera->is_due(drone, *state_, seen)) request(*camera, drone, camera->take(drone, world_of(drone), *state_, seen));
+        if (camera->is_due(drone, *state_, seen)) take(*camera, drone, seen);
+        publish(*camera, drone);
       });
     }
   }
@@ -95,7 +96,7 @@ class CameraRig {
 
    private:
     const CameraRig& rig_;
-    std::optional<std::size_t> env_;
+    std::size_t env_ = SIZE_MAX;  // none
     std::uint64_t hash_ = 0;
   };
 
@@ -103,6 +104,18 @@ class CameraRig {
   const World& world_in_light(DroneIndex drone, std::size_t slot) const;
   void require_frame(std::size_t camera, DroneIndex drone) const;  // in colour or grey, and not stale
   void clear_requests();
+  void take(Camera& camera, DroneIndex drone, std::uint64_t seen) {
+    const auto frame = camera.take(drone, world_of(drone), *state_, seen);
+    if (frame) request(camera, drone, *frame);
+  }
+  // Publishes an image at once, or after rendering if it may be a frame of this step that waits in a ring.
+  void publish(Camera& camera, DroneIndex drone) {
+    if (camera.is_late()) {
+      late_.push_back({&camera, drone});
+    } else {
+      camera.publish(drone, *state_);
+    }
+  }
   void request(Camera& camera, DroneIndex drone, const render::RenderRequest& frame) {
     requests_.push_back(frame);
     if (camera.converts()) conversions_.push_back({&camera, drone});
@@ -123,6 +136,7 @@ class CameraRig {
     DroneIndex drone;
   };
   std::vector<Conversion> conversions_;     // conversions to run after rendering
+  std::vector<Conversion> late_;            // images of late cameras, to publish after these
   std::vector<ConversionScratch> scratch_;  // one per thread
 };
 

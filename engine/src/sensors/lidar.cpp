@@ -123,7 +123,7 @@ void Lidar::write_points(const State& state, std::span<float> out) const {
 void Lidar::visit(ArrayVisitor& visitor) {
   visitor.array("ranges", readings_.published().ranges);
   if (has_age()) visitor.array("ranges_age_s", readings_.published().age_s);
-  delay_.visit(visitor);
+  visit_delay(visitor);
   settings_.visit(label(), visitor);
 }
 

@@ -189,8 +189,9 @@ class SensorOf : public BlockSensor {
            bool has_errors)
       : BlockSensor(std::move(kind), std::move(name), config.rate_hz, setup.clock),
         drones_per_env_(setup.drones_per_env),
-        delay_(latency_in_ticks(config.latency_s, setup.clock), period(), setup.clock, sizes) {
+        delay_(config, label(), period(), setup.clock, setup.drones_per_env, setup.num_drones) {
     readings_.allocate(sizes, has_errors, delay_.is_late());
+    if (delay_.is_late()) rings_.allocate(readings_.published(), setup.num_drones, delay_.num_rows());
   }
 
   const Arrays& readings() const { return readings_.published(); }
@@ -200,30 +201,43 @@ class SensorOf : public BlockSensor {
   void clear(DroneIndex drone) override { delay_.forget(drone); }
   bool has_age() const final { return !delay_.is_none(); }
   void publish(std::span<const DroneIndex> drones, const State& state) final {
-    for (const DroneIndex drone : drones) delay_.publish(drone, tick_of(state, drone), readings_.published());
+    for (const DroneIndex drone : drones) {
+      const std::int64_t tick = state.tick[RandomKey::of(drone, drones_per_env_).env];
+      const std::optional<std::size_t> row = delay_.arrived(drone, tick);
+      if (!row) continue;
+      if (delay_.is_late()) rings_.get(*row, readings_.published(), drone);
+      readings_.published().age_s[drone] = delay_.age_s(*row, tick);
+    }
   }
   void visit(ArrayVisitor& visitor) override {
     readings_.visit(visitor);
-    delay_.visit(visitor);
+    visit_delay(visitor);
   }
   void check() const override {
     readings_.check();
-    require(delay_.is_valid(), "snapshot: reading_count", "numbers >= 0", "another");
+    delay_.check();
+    check_arrays(rings_.arrays());
   }
 
  protected:
-  std::int64_t tick_of(const State& state, DroneIndex drone) const {
-    return state.tick[RandomKey::of(drone, drones_per_env_).env];
+  void visit_delay(ArrayVisitor& visitor) {
+    if (delay_.is_late()) rings_.visit(visitor);
+    delay_.visit(visitor);
   }
 
   std::size_t drones_per_env_;
-  Delay<Arrays> delay_;
+  Delay delay_;
   Readings<Arrays> readings_;
 
  private:
   void keep(std::span<const DroneIndex> drones, const State& state) final {
-    for (const DroneIndex drone : drones) delay_.add(drone, tick_of(state, drone), readings_.noisy());
+    for (const DroneIndex drone : drones) {
+      const std::optional<std::size_t> row = delay_.add(state, drone);
+      if (row && delay_.is_late()) rings_.put(readings_.noisy(), drone, *row);
+    }
   }
+
+  Rings<Arrays> rings_;
 };
 
 }  // namespace flockstep::sensors

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <limits>
 #include <numbers>
+#include <span>
 
 #include "dynamics/setpoint.hpp"
 #include "flockstep/airframe.hpp"
@@ -42,6 +43,8 @@ class ActionRanges {
 
   // Returns the values for an action within [-1, 1].
   Four at(const Four& action) const { return middle_ + (action.min(0.0F) * down_ + action.max(0.0F) * up_); }
+  // The same for one of several alike numbers: those of rotors.
+  float at(float action) const { return at(Four(Four::Constant(action)))[0]; }
   const Four& middle() const { return middle_; }  // at 0
   const Four& down() const { return down_; }      // magnitude of the change to -1
   const Four& up() const { return up_; }          // change to 1
@@ -50,6 +53,7 @@ class ActionRanges {
     const Four away = value - middle_;
     return away.min(0.0F) * inverse_down_ + away.max(0.0F) * inverse_up_;
   }
+  float action_for(float value) const { return action_for(Four(Four::Constant(value)))[0]; }
 
  private:
   Four middle_, down_, up_, inverse_down_, inverse_up_;
@@ -88,10 +92,10 @@ class FlightAction {
     const double half_turn = std::numbers::pi;
     const double max_speed = static_cast<double>(config.max_speed_mps);
     const double max_acceleration = static_cast<double>(config.max_acceleration_mps2);
-    const double to_acceleration = static_cast<double>(kRotors) / frame.mass_kg;
+    const double to_acceleration = static_cast<double>(frame.num_rotors()) / frame.mass_kg;
     const double least = frame.thrust_at(frame.min_speed_radps);
     const double most = std::min(to_acceleration * frame.max_thrust(), max_thrust_to_weight * kGravity);
-    const double hover_n = frame.mass_kg * kGravity / static_cast<double>(kRotors);  // one rotor's thrust
+    const double hover_n = frame.mass_kg * kGravity / static_cast<double>(frame.num_rotors());  // one rotor's thrust
     const ActionRange thrust{to_acceleration * least, kGravity, most};
     const ActionRange rotor{least, hover_n, std::min(frame.max_thrust(), max_thrust_to_weight * hover_n)};
     const ActionRange rate = even(radians(config.max_rate_dps)), yaw_rate = even(radians(config.max_yaw_rate_dps));
@@ -124,6 +128,16 @@ class FlightAction {
     }
   }
 
+  // Writes the command for an action of as many numbers, which are clipped to [-1, 1].
+  void command(std::span<const float> action, const State& state, DroneIndex drone, float* out) const {
+    if (action.size() == 4) {
+      Eigen::Map<Four>{out} = command(Four(action.data()).max(-1.0F).min(1.0F), state, drone);
+      return;
+    }
+    for (const float number : action) *out++ = rotor(std::clamp(number, -1.0F, 1.0F));
+  }
+  // The command of one rotor. action: within [-1, 1].
+  float rotor(float action) const { return ranges_.at(action); }
   // Commands by action, of controls whose commands do not depend on the drone's state.
   const ActionRanges& ranges() const { return ranges_; }
   // action: within [-1, 1].

@@ -25,7 +25,7 @@ struct Constants {
   HWY_INLINE V3 at(std::size_t i) const { return {(*this)[i], (*this)[i + 1], (*this)[i + 2]}; }
 };
 
-// What a loss reads.
+// The arguments of a loss.
 struct Step {
   const Flown<R>&before, &after;
   const R *action, *action_before;
@@ -107,9 +107,10 @@ struct TrackTerms {
 };
 
 // Constants: centre of the gate that is next after the step, 1 if it is another one than before, the scale of the observation,
-// the least height, left and up of the gate before the step, and the observed gates: centre and normal of each.
+// the least height, left and up of the gate before the step, the cap on the speed, and the observed gates: centre and normal of
+// each.
 struct RaceTerms {
-  static constexpr std::size_t kPassed = 3, kScale = 4, kLowest = 5, kLeft = 6, kUp = 9, kGates = 12;
+  static constexpr std::size_t kPassed = 3, kScale = 4, kLowest = 5, kLeft = 6, kUp = 9, kCap = 12, kGates = 13;
   static constexpr float kOpening = 0.15F;  // m from the centre within which a crossing costs nothing
   static constexpr float kWide = 3.0F;      // m beyond which it is no crossing of the gate
   static constexpr float kAhead = 0.25F;    // of a step: a crossing is seen before its contact
@@ -136,8 +137,10 @@ struct RaceTerms {
     const auto crosses = (before < 0.0F) & (after >= 0.0F) & (aside < kWide);
     const R progress = select(s.c[kPassed] > 0.5F, R(0.0F), length(from_center, 0.01F)) -
                        length(s.after.ode.travelled - recorded(s.c.at(0)), 0.01F) * s.discount;
+    const R fast = max(length(s.after.ode.velocity, 0.1F) - s.c[kCap], 0.0F);
     const R low = max(s.c[kLowest] - s.after.ode.travelled.z, 0.0F);
-    return progress + select(crosses, aside * aside * 100.0F, R(0.0F)) + low * low + spin(s) * 0.2F + change(s) * 0.01F;
+    return progress + select(crosses, aside * aside * 100.0F, R(0.0F)) + low * low + fast * 0.1F + spin(s) * 0.05F +
+           change(s) * 0.003F;
   }
 };
 

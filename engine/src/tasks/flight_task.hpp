@@ -21,8 +21,8 @@
 
 namespace flockstep::task {
 
-inline constexpr std::size_t kOwnFlight = 13;
-inline constexpr float kSpinUnit = 10.0F;  // rad/s, unit of observed and scored angular velocities
+inline constexpr std::size_t kOwnFlight = 9;  // numbers of the own flight before the rotors' speeds
+inline constexpr float kSpinUnit = 10.0F;     // rad/s, unit of observed and scored angular velocities
 inline constexpr std::uint32_t kStartStream = 0;
 
 inline Vec3 velocity_of(const State& state, DroneIndex drone) {
@@ -91,11 +91,13 @@ class FlightTask : public Task {
       action_.emplace_back(context.dynamics(), frame, max_thrust_to_weight_);
       rotor_.push_back(rotor_speed_ranges(frame));
     }
+    num_rotors_ = context.num_rotors();
+    num_actions_ = context.command_size();
     step_s_ = context.clock().step_s();
     targets_.resize(3 * context.num_drones());
     target_world_.assign(context.num_drones(), -1);
-    action_before_.resize(kActions * context.num_drones());
-    action_now_.resize(kActions * context.num_drones());
+    action_before_.resize(num_actions_ * context.num_drones());
+    action_now_.resize(num_actions_ * context.num_drones());
   }
 
   void require_world(const World& world, const DroneModel& drone) const override {
@@ -105,13 +107,14 @@ class FlightTask : public Task {
 
   void begin(const TaskBlock& block) override {
     for (const DroneIndex drone : block.drones) {
-      std::fill_n(action_before_.data() + kActions * drone, kActions, 0.0F);
-      std::fill_n(action_now_.data() + kActions * drone, kActions, 0.0F);
+      std::fill_n(action_before_.data() + num_actions_ * drone, num_actions_, 0.0F);
+      std::fill_n(action_now_.data() + num_actions_ * drone, num_actions_, 0.0F);
     }
   }
 
   void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
     const State& state = block.context.state();
+    if (num_actions_ != kActions) return command_rotors(block, actions, setpoints);
     for (const DroneIndex drone : block.drones) {
       const Four action = Four(actions.row<float>(drone).data()).max(-1.0F).min(1.0F);
       const FlightAction& meaning = action_[block.context.airframe_row(drone)];
@@ -169,7 +172,14 @@ class FlightTask : public Task {
       row[6 + k] = spin[axis];
     }
     const ActionRanges& range = rotor_[context.airframe_row(drone)];
-    Eigen::Map<Four>(row.data() + 9) = range.action_for(Four(state.flight.rotor_speed.data() + kRotors * drone));
+    Eigen::Map<Four>(row.data() + kOwnFlight) = range.action_for(Four(state.flight.rotor_speed.data() + num_rotors_ * drone));
+    for (std::size_t k = kMinRotors; k < num_rotors_; ++k) row[kOwnFlight + k] = rotor_level(context, drone, k);
+  }
+
+  // The speed of a rotor as the action that commands it; 0 if the drone has no such rotor.
+  float rotor_level(const TaskContext& context, DroneIndex drone, std::size_t rotor) const {
+    if (rotor >= rotors_of(context, drone)) return 0.0F;
+    return rotor_[context.airframe_row(drone)].action_for(context.state().flight.rotor_speed[num_rotors_ * drone + rotor]);
   }
 
   // The unit of a drone's observed rotor speeds: at hovering, and 1 over the range below and above it.
@@ -179,7 +189,15 @@ class FlightTask : public Task {
   }
 
   // The mean squared change of the action.
-  float change(DroneIndex drone) const {
+  float change(const TaskContext& context, DroneIndex drone) const {
+    if (num_actions_ != kActions) {
+      const std::size_t rotors = rotors_of(context, drone);
+      float squares = 0.0F;
+      for (std::size_t i = num_actions_ * drone; i < num_actions_ * drone + rotors; ++i) {
+        squares += (action_now_[i] - action_before_[i]) * (action_now_[i] - action_before_[i]);
+      }
+      return squares / static_cast<float>(rotors);
+    }
     const Four change = Four(action_now_.data() + kActions * drone) - Four(action_before_.data() + kActions * drone);
     return change.square().mean();
   }
@@ -188,27 +206,58 @@ class FlightTask : public Task {
     return static_cast<double>(angular_velocity_of(state, drone).norm() / kSpinUnit);
   }
 
+  static std::size_t rotors_of(const TaskContext& context, DroneIndex drone) {
+    return context.airframes()[context.airframe_row(drone)].num_rotors();
+  }
+
   const FlightAction& action_of(const TaskContext& context, DroneIndex drone) const {
     return action_[context.airframe_row(drone)];
   }
+
   double step_s() const { return step_s_; }
+  std::size_t num_rotors() const { return num_rotors_; }    // columns of rotor speeds; 4 before setup()
+  std::size_t num_actions() const { return num_actions_; }  // numbers of an action; 4 before setup()
   const std::vector<float>& action_now() const { return action_now_; }
   const std::vector<float>& action_before() const { return action_before_; }
 
   double max_thrust_to_weight_ = std::numeric_limits<double>::infinity();  // limit of actions, set before setup()
 
  private:
+  // Actions with a number for each rotor, of which the drone may lack some.
+  void command_rotors(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) {
+    for (const DroneIndex drone : block.drones) {
+      const std::span<const float> given = actions.row<float>(drone);
+      const FlightAction& meaning = action_[block.context.airframe_row(drone)];
+      const std::size_t rotors = rotors_of(block.context, drone);
+      for (std::size_t k = 0; k < num_actions_; ++k) {
+        const bool is_there = k < rotors;
+        const float action = is_there ? std::clamp(given[k], -1.0F, 1.0F) : 0.0F;
+        const std::size_t at = num_actions_ * drone + k;
+        setpoints.command[at] = is_there ? meaning.rotor(action) : 0.0F;
+        action_before_[at] = action_now_[at];
+        action_now_[at] = action;
+      }
+    }
+  }
+
   std::vector<FlightAction> action_;  // by row of the airframes
   std::vector<ActionRanges> rotor_;   // by row of the airframes
+  std::size_t num_rotors_ = kMinRotors, num_actions_ = kActions;
   double step_s_ = 0.0;
   std::vector<float> targets_;              // (N, 3) m
   std::vector<std::int32_t> target_world_;  // (N,) world_index of each target; -1: none yet
-  std::vector<float> action_before_;        // (N, 4) in [-1, 1], previous action; 0 in the first step
-  std::vector<float> action_now_;           // (N, 4) in [-1, 1], action of the current or last step
+  std::vector<float> action_before_;        // (N, A) in [-1, 1], previous action; 0 in the first step
+  std::vector<float> action_now_;           // (N, A) in [-1, 1], action of the current or last step
 };
 
 template <class Config>
 class ConfiguredFlightTask : public ConfiguredTask<Config, FlightTask> {
+ public:
+  void setup(const TaskContext& context) override {
+    FlightTask::setup(context);
+    this->spec_.action.shape = {static_cast<std::int64_t>(this->num_actions())};
+  }
+
  protected:
   explicit ConfiguredFlightTask(const Config& config)
       : ConfiguredTask<Config, FlightTask>(config, {.name = "action", .shape = {kActions}}) {}

@@ -22,7 +22,7 @@ namespace {
 class Hover final : public DifferentiableTask<HoverConfig> {
  public:
   explicit Hover(const HoverConfig& config) : DifferentiableTask(config) {
-    static_assert(kHoverNumbers == 3 + kOwnFlight);
+    static_assert(kHoverNumbers == 3 + kOwnFlight + kMinRotors);
     spec_.observation = {flight_field(kHoverNumbers)};
   }
 
@@ -35,7 +35,8 @@ class Hover final : public DifferentiableTask<HoverConfig> {
   }
 
   void setup(const TaskContext& context) override {
-    FlightTask::setup(context);
+    ConfiguredFlightTask::setup(context);
+    spec_.observation = {flight_field(3 + kOwnFlight + num_rotors())};
     held_.resize(context.num_drones());
     units_.clear();
     for (const Airframe& frame : context.airframes()) {
@@ -79,15 +80,19 @@ class Hover final : public DifferentiableTask<HoverConfig> {
     std::uint8_t* const terminated = score.terminated.data();
     std::uint8_t* const success = score.success.data();
     std::uint8_t* const left_area = score.left_area.data();
+    const bool is_four = num_actions() == kActions;
     for_each_lanes(block.drones, [&](GatheredRows& rows) {
       HoverScores scores;
       score_hover({.target = targets_of(block.context, rows),
                    .position = rows.rows<3>(state.position),
                    .velocity = rows.rows<3>(state.flight.velocity),
                    .angular_velocity = rows.rows<3>(state.flight.angular_velocity),
-                   .action = rows.rows<4>(action_now()),
-                   .action_before = rows.rows<4>(action_before())},
+                   .action = is_four ? rows.rows<4>(action_now()) : nullptr,
+                   .action_before = is_four ? rows.rows<4>(action_before()) : nullptr},
                   2.0 * hold, scores);
+      for (std::size_t i = 0; !is_four && i < rows.drones().size(); ++i) {
+        scores.change[i] = change(block.context, rows.drones()[i]);
+      }
       std::array<std::array<double, kTerms>, GatheredRows::kCount> terms;
       for (std::size_t i = 0; i < GatheredRows::kCount; ++i) {
         terms[i] = {static_cast<double>(weights.near_weight * scores.closeness[i]),
@@ -115,12 +120,18 @@ class Hover final : public DifferentiableTask<HoverConfig> {
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
     const State& state = block.context.state();
     for_each_lanes(block.drones, [&](GatheredRows& rows) {
-      const HoverRows flown{.target = targets_of(block.context, rows),
-                            .position = rows.rows<3>(block.context.pose_readings().position),
-                            .quat_wxyz = rows.rows<4>(block.context.pose_readings().quat_wxyz),
-                            .velocity = rows.rows<3>(state.flight.velocity),
-                            .angular_velocity = rows.rows<3>(state.flight.angular_velocity),
-                            .rotor_speed = rows.rows<4>(state.flight.rotor_speed)};
+      std::array<float, kMinRotors * GatheredRows::kCount> first_speeds;
+      for (std::size_t i = 0; num_rotors() > kMinRotors && i < GatheredRows::kCount; ++i) {
+        const DroneIndex drone = rows.drones()[std::min(i, rows.drones().size() - 1)];
+        std::copy_n(state.flight.rotor_speed.data() + num_rotors() * drone, kMinRotors, first_speeds.data() + kMinRotors * i);
+      }
+      const HoverRows flown{
+          .target = targets_of(block.context, rows),
+          .position = rows.rows<3>(block.context.pose_readings().position),
+          .quat_wxyz = rows.rows<4>(block.context.pose_readings().quat_wxyz),
+          .velocity = rows.rows<3>(state.flight.velocity),
+          .angular_velocity = rows.rows<3>(state.flight.angular_velocity),
+          .rotor_speed = num_rotors() > kMinRotors ? first_speeds.data() : rows.rows<4>(state.flight.rotor_speed)};
       float* const first = observation[0].row<float>(rows.drones()[0]).data();
       RotorUnits several;
       for (std::size_t i = 0; units_.size() > 1 && i < GatheredRows::kCount; ++i) {
@@ -128,11 +139,13 @@ class Hover final : public DifferentiableTask<HoverConfig> {
         set_units(units_[block.context.airframe_row(drone)], i, several);
       }
       const RotorUnits& rotors = units_.size() > 1 ? several : rotors_;
-      if (rows.is_contiguous()) return observe_hover(flown, rotors, kSpinUnit, first);
+      if (rows.is_contiguous() && num_rotors() == kMinRotors) return observe_hover(flown, rotors, kSpinUnit, first);
       std::array<float, kHoverNumbers * GatheredRows::kCount> out;
       observe_hover(flown, rotors, kSpinUnit, out.data());
       for (std::size_t i = 0; i < rows.drones().size(); ++i) {
-        std::copy_n(out.data() + kHoverNumbers * i, kHoverNumbers, observation[0].row<float>(rows.drones()[i]).data());
+        const DroneIndex drone = rows.drones()[i];
+        float* const row = std::copy_n(out.data() + kHoverNumbers * i, kHoverNumbers, observation[0].row<float>(drone).data());
+        for (std::size_t k = kMinRotors; k < num_rotors(); ++k) row[k - kMinRotors] = rotor_level(block.context, drone, k);
       }
     });
   }

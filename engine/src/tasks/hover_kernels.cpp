@@ -60,6 +60,8 @@ void score_hover(const HoverRows& rows, double reach_m, HoverScores& scores) {
     const V3 velocity = rows3(rows.velocity, lane), spin = rows3(rows.angular_velocity, lane);
     store(sqrt(dot(velocity, velocity)), scores.speed, lane);
     store(sqrt(dot(spin, spin)), scores.spin, lane);
+    store(F(0.0F), scores.change, lane);
+    if (rows.action == nullptr) continue;
     const Q now = rows4(rows.action, lane), before = rows4(rows.action_before, lane);
     const F a = now.w - before.w, b = now.x - before.x, c = now.y - before.y, e = now.z - before.z;
     store(((a * a + b * b) + (c * c + e * e)) * 0.25F, scores.change, lane);

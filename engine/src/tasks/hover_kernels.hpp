@@ -9,7 +9,7 @@
 
 namespace flockstep::task {
 
-inline constexpr std::size_t kHoverNumbers = 16;  // size of an observation
+inline constexpr std::size_t kHoverNumbers = 16;  // size of an observation, without the rotors from the fifth on
 
 // The inputs: kLanes rows of each array.
 struct HoverRows {
@@ -19,8 +19,8 @@ struct HoverRows {
   const float* velocity;          // (kLanes, 3) m/s
   const float* angular_velocity;  // (kLanes, 3) rad/s
   const float* rotor_speed;       // (kLanes, 4) rad/s; observations only
-  const float* action;            // (kLanes, 4); scores only
-  const float* action_before;     // (kLanes, 4); scores only
+  const float* action;            // (kLanes, 4), or null for a change of 0; scores only
+  const float* action_before;     // (kLanes, 4), or null; scores only
 };
 
 struct alignas(64) HoverScores {

@@ -48,7 +48,7 @@ class Race final : public DifferentiableTask<RaceConfig> {
   bool takes(Control control) const override { return control == Control::body_rates; }
 
   void setup(const TaskContext& context) override {
-    FlightTask::setup(context);
+    ConfiguredFlightTask::setup(context);
     const std::size_t n = context.num_drones();
     target_.assign(n, 0);
     passed_.assign(n, 0);
@@ -130,7 +130,7 @@ class Race final : public DifferentiableTask<RaceConfig> {
       terms[kProgress] = static_cast<double>(config_.progress_weight) * progress;
       terms[kGate] = static_cast<double>(config_.gate_weight) * crossings.passed;
       terms[kRates] = -static_cast<double>(config_.rates_weight * angular_velocity_of(state, drone).norm());
-      terms[kChange] = -static_cast<double>(config_.change_weight * change(drone));
+      terms[kChange] = -static_cast<double>(config_.change_weight * change(block.context, drone));
       terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
       score.terminated[drone] = crashed || finished;
       score.left_area[drone] = is_far;
@@ -162,7 +162,7 @@ class Race final : public DifferentiableTask<RaceConfig> {
   }
 
   Terms terms() const override { return Terms::race; }
-  std::size_t num_constants() const override { return 12 + kPerGate * gates_ahead_; }
+  std::size_t num_constants() const override { return 13 + kPerGate * gates_ahead_; }
   void write_constants(const TaskContext& context, DroneIndex drone, float* to) override {
     const World& world = context.world_of(context.env_of(drone));
     const std::span<const Gate> gates = world.gates();
@@ -170,18 +170,19 @@ class Race final : public DifferentiableTask<RaceConfig> {
     const Mat3 axes = gates[index].rotation.toRotationMatrix();
     to[4] = config_.observation_scale;
     to[5] = world.bounds().min.z() + kLow;
+    to[12] = cap_[drone];
     Eigen::Map<Vec3>(to + 6) = axes.col(1);
     Eigen::Map<Vec3>(to + 9) = axes.col(2);
     for (std::size_t i = 0; i < gates_ahead_; ++i) {
-      Eigen::Map<Vec3>(to + 12 + kPerGate * i) = gates[index].center;
-      Eigen::Map<Vec3>(to + 15 + kPerGate * i) = normal_of(gates[index]);
+      Eigen::Map<Vec3>(to + 13 + kPerGate * i) = gates[index].center;
+      Eigen::Map<Vec3>(to + 16 + kPerGate * i) = normal_of(gates[index]);
       if (++index == gates.size()) index = 0;
     }
   }
   void write_results(const TaskContext& context, DroneIndex drone, float* to) override {
     const std::span<const Gate> gates = context.world_of(context.env_of(drone)).gates();
     const Vec3 center = target_of(gates, drone).center;
-    to[3] = center == Vec3(Eigen::Map<const Vec3>(to + 12)) ? 0.0F : 1.0F;
+    to[3] = center == Vec3(Eigen::Map<const Vec3>(to + 13)) ? 0.0F : 1.0F;
     Eigen::Map<Vec3>(to + 0) = center;
   }
 

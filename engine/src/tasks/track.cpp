@@ -106,7 +106,7 @@ class Track final : public DifferentiableTask<TrackConfig> {
  public:
   explicit Track(const TrackConfig& config) : DifferentiableTask(config), path_(config) {
     ahead_ = path_.waves_at(static_cast<double>(config.ahead_s), std::array<float, kPhases>{}.data());
-    spec_.observation = {flight_field(3 * static_cast<std::size_t>(config.points) + kOwnFlight + 2)};
+    set_observation();
   }
 
   TaskDefaults defaults() const override {
@@ -118,7 +118,8 @@ class Track final : public DifferentiableTask<TrackConfig> {
   }
 
   void setup(const TaskContext& context) override {
-    FlightTask::setup(context);
+    ConfiguredFlightTask::setup(context);
+    set_observation();
     phase_.resize(kPhases * context.num_drones());
     squares_.resize(context.num_drones());
   }
@@ -181,7 +182,7 @@ class Track final : public DifferentiableTask<TrackConfig> {
       terms[kClose] = static_cast<double>(config_.close_weight) / (1.0 + distance * distance / (close * close));
       terms[kYaw] = -static_cast<double>(config_.yaw_weight * std::abs(missing_yaw(waves, pose.rotation)));
       terms[kSpin] = -static_cast<double>(config_.spin_weight) * spin(state, drone);
-      terms[kChange] = -static_cast<double>(config_.change_weight * change(drone));
+      terms[kChange] = -static_cast<double>(config_.change_weight * change(block.context, drone));
       terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
       score.terminated[drone] = crashed;
       score.left_area[drone] = is_far;
@@ -204,8 +205,8 @@ class Track final : public DifferentiableTask<TrackConfig> {
         std::copy_n(way.data(), 3, row.data() + 3 * i);
       }
       observe_flight(block.context, drone, to_body, row.subspan(3 * points));
-      row[3 * points + kOwnFlight] = std::sin(missing);
-      row[3 * points + kOwnFlight + 1] = std::cos(missing);
+      row[row.size() - 2] = std::sin(missing);
+      row[row.size() - 1] = std::cos(missing);
     }
   }
 
@@ -245,6 +246,10 @@ class Track final : public DifferentiableTask<TrackConfig> {
   }
 
  private:
+  void set_observation() {
+    spec_.observation = {flight_field(3 * static_cast<std::size_t>(config_.points) + kOwnFlight + num_rotors() + 2)};
+  }
+
   enum Term : std::size_t { kNear, kClose, kYaw, kSpin, kChange, kCrash };
 
   Trajectory::Waves waves_of(const EpisodeState& episodes, DroneIndex drone) const {

@@ -25,9 +25,9 @@ std::string text_of(const Triple& values) {
 }
 
 // Maps rotor thrusts to total thrust, then torque about x, y and z.
-Eigen::Matrix4d allocation(const Airframe& frame) {
-  Eigen::Matrix4d map;
-  for (std::size_t i = 0; i < kRotors; ++i) {
+Eigen::Matrix4Xd allocation(const Airframe& frame) {
+  Eigen::Matrix4Xd map(4, static_cast<Eigen::Index>(frame.num_rotors()));
+  for (std::size_t i = 0; i < frame.num_rotors(); ++i) {
     const double turn = frame.spin[i] == Spin::ccw ? -1.0 : 1.0;
     map.col(static_cast<Eigen::Index>(i)) << 1.0, frame.position_m[i][1], -frame.position_m[i][0], turn * frame.torque_ratio_m;
   }
@@ -51,12 +51,16 @@ double Airframe::speed_for(double thrust) const {
   return std::clamp(speed, min_speed_radps, max_speed_radps);
 }
 
-double Airframe::thrust_to_weight() const { return static_cast<double>(kRotors) * max_thrust() / (mass_kg * kGravity); }
+double Airframe::thrust_to_weight() const { return static_cast<double>(num_rotors()) * max_thrust() / (mass_kg * kGravity); }
 
-double Airframe::hover_speed() const { return speed_for(mass_kg * kGravity / static_cast<double>(kRotors)); }
+double Airframe::hover_speed() const { return speed_for(mass_kg * kGravity / static_cast<double>(num_rotors())); }
 
 void Airframe::validate() const {
   check_fields(*this, "");
+  require(num_rotors() >= kMinRotors && num_rotors() <= kMaxRotors, "rotors position_m",
+          std::to_string(kMinRotors) + " to " + std::to_string(kMaxRotors) + " positions", num_rotors());
+  require(spin.size() == num_rotors(), "rotors spin", "as many as rotors position_m (" + std::to_string(num_rotors()) + ")",
+          spin.size());
   const std::size_t largest = static_cast<std::size_t>(std::ranges::max_element(inertia_kgm2) - inertia_kgm2.begin());
   const double others = inertia_kgm2[(largest + 1) % 3] + inertia_kgm2[(largest + 2) % 3];
   constexpr double kRounding = 1.0 + 1e-9;
@@ -76,15 +80,23 @@ void Airframe::validate() const {
           "one that does not grow");
 
   require(thrust_to_weight() > 1.0, "rotors", "a thrust-to-weight above 1, to hover", thrust_to_weight());
-  require(static_cast<double>(kRotors) * thrust_at(min_speed_radps) < mass_kg * kGravity, "rotors min_speed_radps",
+  require(static_cast<double>(num_rotors()) * thrust_at(min_speed_radps) < mass_kg * kGravity, "rotors min_speed_radps",
           "a speed at which the thrust is below the weight", min_speed_radps);
   // Scaled by arm and torque ratio, the allocation of an X or plus frame has determinant 16; that of a frame that cannot turn
-  // about some axis has determinant 0.
+  // about some axis has determinant 0. With more rotors the volume that its rows span stands for the determinant.
   double arm = 0.0;
   for (const Triple& p : position_m) arm = std::max({arm, std::abs(p[0]), std::abs(p[1])});
   const double scale = arm * arm * torque_ratio_m;
-  require(scale > 0.0 && std::abs(allocation(*this).determinant()) >= kMinLever * scale, "rotors",
-          "positions and spins that can turn the body about each axis", "ones that leave an axis without torque");
+  const Eigen::Matrix4Xd map = allocation(*this);
+  const double volume = std::sqrt(std::max((map * map.transpose()).determinant(), 0.0));
+  require(scale > 0.0 && volume >= kMinLever * scale, "rotors", "positions and spins that can turn the body about each axis",
+          "ones that leave an axis without torque");
+}
+
+std::size_t most_rotors(std::span<const Airframe> airframes) {
+  std::size_t most = kMinRotors;
+  for (const Airframe& frame : airframes) most = std::max(most, frame.num_rotors());
+  return most;
 }
 
 Airframe Airframe::scaled(double size, double mass) const {

@@ -39,8 +39,8 @@ DroneModel random_drone(std::uint64_t seed) {
   frame.mass_kg = root * root * root;
   const double lift = draws(1.5, 5.0);  // thrust to weight
   const double arm = kUsualArm * root / std::cbrt(kUsualMass) * draws(0.9, 1.1);
-  const double most = lift * frame.mass_kg * kGravity / static_cast<double>(kRotors);  // N, one rotor
-  const double turning = draws(40.0, 1200.0);                                          // rad/s^2
+  const double most = lift * frame.mass_kg * kGravity / static_cast<double>(kMinRotors);  // N, one rotor
+  const double turning = draws(40.0, 1200.0);                                             // rad/s^2
   // Two rotors at full thrust, as its source has it. Unlike there, a small drone that turns slowly gets no inertia that its mass
   // cannot have within its hull, which is kReach arms wide.
   constexpr double kReach = 2.4;
@@ -51,7 +51,7 @@ DroneModel random_drone(std::uint64_t seed) {
   frame.lag_down_s = draws(0.03, 0.30);
   const double drag = frame.mass_kg * draws(0.1, 0.5);
   frame.linear_drag = {drag, drag, drag};
-  frame.position_m = {{{arm, -arm, 0.0}, {-arm, arm, 0.0}, {arm, arm, 0.0}, {-arm, -arm, 0.0}}};
+  frame.position_m = {{arm, -arm, 0.0}, {-arm, arm, 0.0}, {arm, arm, 0.0}, {-arm, -arm, 0.0}};
   frame.spin = {Spin::ccw, Spin::ccw, Spin::cw, Spin::cw};
   frame.radius_m = 0.7 * arm;
   frame.max_speed_radps = kTipSpeed / frame.radius_m;

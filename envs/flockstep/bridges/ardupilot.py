@@ -120,6 +120,8 @@ def rotors_of_quad_x(drone: DroneModel) -> list[int]:
     rotors = drone.to_dict().get("rotors")
     if rotors is None:
         raise ValueError("drone: expected one with an airframe, got a hull only")
+    if len(rotors["spin"]) != 4:
+        raise ValueError(f"drone: expected a quadrotor, for ArduPilot's frame QUAD X, got {len(rotors['spin'])} rotors")
     corners = [(float(np.sign(x)), float(np.sign(y))) for x, y, _ in rotors["position_m"]]
     found = []
     for motor, (corner, spin) in enumerate(_QUAD_X):
@@ -237,7 +239,7 @@ class ArduPilotBridge:
         self._full = batch.drone.to_dict()["rotors"]["max_speed_radps"] if is_speed else batch.drone.max_thrust_n
         self._physics_hz = batch.clock.physics_hz or 0.0
         self._start = batch.position.copy(), batch.quat_wxyz.copy()
-        self._command = np.zeros((batch.num_drones, 4), np.float32)
+        self._command = np.zeros((batch.num_drones, batch.num_rotors), np.float32)
         self._selector = selectors.DefaultSelector()
         self._links: list[_Link] = []
         try:
@@ -396,7 +398,7 @@ class ArduPilotBridge:
     def _to_start(self, mask: npt.NDArray[np.bool_]) -> None:
         position, quat_wxyz = self._start
         self.batch.set_pose(position, quat_wxyz, mask)
-        self.batch.set_velocity(rotor_speed=np.zeros((self.batch.num_drones, 4)), mask=mask)
+        self.batch.set_velocity(rotor_speed=np.zeros((self.batch.num_drones, self.batch.num_rotors)), mask=mask)
 
 
 def _opened(address: str, port: int) -> socket.socket:

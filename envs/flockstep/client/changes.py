@@ -20,12 +20,12 @@ class LidarChanges(TypedDict, total=False):
     offset_m
         Position (x, y, z) in the body frame. Values: within +-100 m.
     quat_wxyz
-        Rotation (w, x, y, z) from sensor to body; normalised if nearly of norm 1. Values: a unit quaternion.
+        Rotation (w, x, y, z) from sensor to body. A norm near 1 is normalised. Values: a unit quaternion.
     beams
         Beams of a channel, counter-clockwise from -hfov/2 to +hfov/2, both included (at 360 without the end). At
         most 262144 in all channels. Values: [1, 262144].
     channels
-        Rows, from -vfov/2 to +vfov/2, both included; a single row has elevation 0. Values: [1, 262144].
+        Channels, from -vfov/2 to +vfov/2, both included. A single channel has elevation 0. Values: [1, 262144].
     """
 
     max_range_m: float | None
@@ -43,14 +43,14 @@ class CameraChanges(TypedDict, total=False):
     Parameters
     ----------
     hfov_deg
-        Horizontal field of view. If only one of ``hfov_deg`` and ``vfov_deg`` is given, pixels are square, and the
-        other must also be below 179. If neither, ``hfov_deg`` is 90. Values: [0.1, 179] deg.
+        Horizontal field of view. If you give only one of ``hfov_deg`` and ``vfov_deg``, pixels are square. If
+        neither, ``hfov_deg`` is 90. Values: [0.1, 179] deg.
     vfov_deg
         Vertical field of view. Values: [0.1, 179] deg.
     offset_m
         Position (x, y, z) in the body frame. Values: within +-100 m.
     quat_wxyz
-        Rotation (w, x, y, z) from sensor to body; normalised if nearly of norm 1. Values: a unit quaternion.
+        Rotation (w, x, y, z) from sensor to body. A norm near 1 is normalised. Values: a unit quaternion.
     width_px
         Width of the rendered image. Values: [1, 8192] px.
     height_px
@@ -71,7 +71,7 @@ class LightChanges(TypedDict, total=False):
     Parameters
     ----------
     sun_direction
-        Direction towards the sun; it need not be normalised. Values: within +-1e+06, not all 0.
+        Direction towards the sun, of any length. Values: within +-1e+06, not all 0.
     sun_color
         Linear RGB of the sun's light. Values: [0, 100].
     sky_ambient
@@ -85,11 +85,11 @@ class LightChanges(TypedDict, total=False):
     gamma
         A value v is written as 255 * min(v, 1)^(1 / gamma). Values: [1, 4].
     sun_radius_deg
-        Radius of the sun's disc; 0: no disc. The real sun's is 0.27. Values: 0 or [0.1, 45] deg.
+        Radius of the sun's disc. 0: no disc. The real sun's is 0.27. Values: 0 or [0.1, 45] deg.
     sun_glow
         Share of the sun's colour in the sky next to it. It falls to half at 5.7 degrees. Values: [0, 1].
     fog_visibility_m
-        Distance at which fog leaves 2 % of a surface's contrast to the sky; 0: no fog. Values: 0 or [0.1, 1000000]
+        Distance at which fog leaves 2 % of a surface's contrast to the sky. 0: no fog. Values: 0 or [0.1, 1000000]
         m.
     """
 

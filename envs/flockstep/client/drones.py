@@ -203,16 +203,16 @@ class DroneOperations(SensorOperations):
 
     @operation
     def set_command(self, command: npt.ArrayLike, *, control: str = "") -> Call[None]:
-        """Set the command (4,) that later steps fly.
+        """Set the command that later steps fly.
 
         Parameters
         ----------
         command
-            Four numbers, whose meaning depends on ``control``; see `DynamicsConfig`.
+            Four numbers, or one for each rotor, whose meaning depends on ``control``; see `DynamicsConfig`.
         control
             Name of the control, such as ``"velocity"``. Default: that of the batch.
         """
-        row = floats("command", command, 4)[None]
+        row = floats("command", command, -1)[None]
         return call("set_command", nothing, command=row, control=control, drone=self.index)
 
     @operation

@@ -197,7 +197,7 @@ class Operations(SensorOperations, BodyOperations, Generic[_Drone]):
         Parameters
         ----------
         command
-            (N, 4) commands, whose meaning depends on ``control``; see `DynamicsConfig`.
+            (N, 4) commands, or one number for each rotor, whose meaning depends on ``control``; see `DynamicsConfig`.
         control
             Name of the control, such as ``"velocity"``. Default: that of the batch.
         ticks
@@ -211,7 +211,7 @@ class Operations(SensorOperations, BodyOperations, Generic[_Drone]):
     def set_command(
         self, command: npt.ArrayLike, *, control: str = "", mask: npt.ArrayLike | None = None
     ) -> Call[None]:
-        """Set the commands (N, 4) that later steps fly. See `fly` for the parameters."""
+        """Set the commands that later steps fly. See `fly` for the parameters."""
         return call("set_command", nothing, command=command, control=control, mask=mask)
 
     # --- time

@@ -65,6 +65,8 @@ def server_info(reply: pb.Reply, arrays: Arrays) -> ServerInfo:
         dict(zip(welcome.array_names, welcome.array_rows, strict=False)),
         welcome.bodies_per_env,
         tuple(welcome.sensors),
+        welcome.control,
+        welcome.num_rotors,
     )
 
 

@@ -311,6 +311,10 @@ class ServerInfo:
         Number of slots for bodies in each env, B.
     sensors
         Names of all sensors.
+    control
+        Meaning of commands that do not name another.
+    num_rotors
+        Columns of rotor speeds, and of commands of ``"rotor_speeds"`` and ``"rotor_thrusts"``.
     """
 
     version: str
@@ -329,6 +333,8 @@ class ServerInfo:
     array_rows: Mapping[str, str]
     bodies_per_env: int
     sensors: tuple[str, ...]
+    control: str
+    num_rotors: int
 
     if not TYPE_CHECKING:
 

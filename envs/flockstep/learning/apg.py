@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -15,23 +14,23 @@ from flockstep.keywords import add_fields
 from flockstep.learning import loop
 from flockstep.learning.callbacks import Callbacks
 from flockstep.learning.ppo import PPO
-from flockstep.learning.sb3_models import Schedule
+from flockstep.learning.sb3_models import HYPERPARAMETERS, Schedule
 from flockstep.learning.sources import EngineSource, Stepped
 
 _LOG_STD = -2.0
 
 
 class APG(PPO):
-    """Analytic policy gradients in C++: a policy for `HoverConfig`, `TrackConfig` or `RaceConfig` in a second.
+    """Analytic policy gradients in C++: flight policies in seconds, for the engine's tasks whose loss has derivatives.
 
     Each update flies ``horizon`` steps with the likeliest actions and differentiates a loss of the task backwards
     through the flight, the observations and the network. Rewards are not used: the task has a loss of its own, with
     smooth terms in place of contacts. Networks, files, `predict`, callbacks and logs are those of `PPO`, and
     ``PPO.load(path, envs, learning_rate=...)`` goes on with rewards. Callbacks are called after each update.
 
-    >>> envs = flockstep.DroneVectorEnv(32, task=flockstep.HoverConfig())
-    >>> model = flockstep.APG("MlpPolicy", envs, policy_kwargs={"features_extractor_class": "PointFeatures"})
-    >>> model.learn(300_000)
+    >>> race = flockstep.presets["race_apg"]
+    >>> model = flockstep.APG("MlpPolicy", race.make_envs(), **race)
+    >>> model.learn(race.steps)
 
     Parameters
     ----------
@@ -46,8 +45,8 @@ class APG(PPO):
     policy_kwargs
         As for `PPO`, with ``"FlattenExtractor"`` or ``"PointFeatures"``. ``log_std_init``, of which only a later
         training by `PPO` makes use, is -2 by default.
-    stats_window_size, tensorboard_log, verbose, seed, num_threads
-        As for `PPO`.
+    **others
+        ``stats_window_size``, ``tensorboard_log``, ``verbose``, ``seed`` and the number of threads, as for `PPO`.
 
     Raises
     ------
@@ -65,13 +64,12 @@ class APG(PPO):
         max_grad_norm: float = 1.0,
         ticks: int = 1,
         *,
-        stats_window_size: int = 100,
-        tensorboard_log: str | PathLike[str] | None = None,
         policy_kwargs: Mapping[str, Any] | None = None,
-        verbose: int = 0,
-        seed: int | None = None,
-        num_threads: int = 0,
+        **others: Any,
     ) -> None:
+        for name in others:
+            if name in HYPERPARAMETERS:  # of PPO alone
+                raise TypeError(f"APG.__init__: expected no {name}, which belongs to PPO")
         self.horizon, self.ticks = horizon, ticks
         super().__init__(
             policy,
@@ -79,13 +77,9 @@ class APG(PPO):
             learning_rate=learning_rate,
             gamma=gamma,
             max_grad_norm=max_grad_norm,
-            stats_window_size=stats_window_size,
-            tensorboard_log=tensorboard_log,
             policy_kwargs={"log_std_init": _LOG_STD, **(policy_kwargs or {})},
-            verbose=verbose,
-            seed=seed,
-            num_threads=num_threads,
             batch_size=2,  # of a later training by PPO, which sets its own
+            **others,
         )
 
     horizon: int = 32
@@ -98,7 +92,7 @@ class APG(PPO):
         if source is None:
             return
         if not isinstance(source, EngineSource):
-            raise ValueError(f"env: expected a DroneVectorEnv with Hover, Track or Race, got {self.env!r}")
+            raise ValueError(f"env: expected a DroneVectorEnv with a task of the engine, got {self.env!r}")
         if source.env.autoreset_mode is AutoresetMode.DISABLED:
             raise ValueError("autoreset_mode: expected 'next_step' or 'same_step', got 'disabled'")
 

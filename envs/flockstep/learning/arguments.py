@@ -20,7 +20,7 @@ class Arguments:
     n_steps
         Steps of each row between two updates.
     batch_size
-        Steps in a minibatch; a rollout has n_steps of each row.
+        Steps in a minibatch. A rollout has n_steps of each agent.
     n_epochs
         Passes over the rollout.
     gamma

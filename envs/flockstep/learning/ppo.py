@@ -322,13 +322,7 @@ class PPO(Arguments):
         callbacks.end()
         return self
 
-    def _collect(self, callbacks: Callbacks, bar: Any) -> bool:
-        """Collect a rollout; return False if a callback stops the training."""
-        return loop.collect(self, callbacks, bar)
-
-    def _train(self) -> None:
-        """Learn from the rollout."""
-        loop.train(self)
+    _collect, _train = loop.collect, loop.train  # parts of learn
 
     def _config(self, kind: type[_Config], remaining: float | None = None) -> _Config:
         """Return the hyperparameters of a configuration; ``remaining`` sets the values of functions."""

@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Sequence
 from typing import Any, Literal
 
-from flockstep.learning import PPO
+from flockstep.learning import APG, PPO
 from flockstep.registration import make_same_step
 from flockstep.trainings.training import Training, first_env_seed
 
@@ -86,6 +86,8 @@ def train(
         Further callbacks: a `Callback`, or those of Stable-Baselines3.
     """
     if learner == "sb3":
+        if training.learner != "PPO":
+            raise ValueError(f"learner: expected 'flockstep' for a training by {training.learner}, got 'sb3'")
         _require_sb3()
     envs = make(training, training.num_envs, threads)
     first = first_env_seed(seed, training.num_envs)  # the seeds of the model are also those of other trainings
@@ -95,7 +97,8 @@ def train(
         settings = {**training.settings}
         if falls:
             settings["learning_rate"] = lambda left: rate - (1.0 - left) * rate
-        model = PPO("MlpPolicy", envs, seed=seed, num_threads=threads, **settings)
+        kind = APG if training.learner == "APG" else PPO
+        model = kind("MlpPolicy", envs, seed=seed, num_threads=threads, **settings)
         if hasattr(envs, "env_is_wrapped"):  # a VecEnv keeps its seed for its reset
             envs.seed(first)
         else:

@@ -22,7 +22,7 @@ from flockstep._core import (
     TrackConfig,
     World,
 )
-from flockstep.trainings import flyers, varied
+from flockstep.trainings import flyers, gradients, varied
 from flockstep.trainings.flying import Flyer
 from flockstep.trainings.training import TRAINING_SEEDS, Keywords, Training
 
@@ -378,3 +378,15 @@ TRAININGS["race_alike"] = replace(
     figures=varied.TRAININGS["race_varied"].figures,
     bench=("race_varied", "alike", 5),
 )
+by_gradients = gradients.by_gradients
+TRAININGS |= {
+    "hover_apg": by_gradients(TRAININGS["hover"], 307_200, gradients.POINT, "hover"),
+    "track_apg": by_gradients(TRAININGS["track"], 999_424, gradients.POINT, "track"),
+    # Along one track as fast as the loss allows; along others no faster than 8 m/s.
+    "race_apg": by_gradients(TRAININGS["race"], 1_998_720, gradients.RACE, "race", speed_cap_mps=(16.0, 16.0)),
+    "race_unseen_apg": by_gradients(
+        TRAININGS["race_unseen"], 3_999_360, gradients.RACE, "race_unseen", speed_cap_mps=(8.0, 8.0)
+    ),
+    **{f"hover_{drone}_apg": gradients.frame_row(TRAININGS["hover"], drone) for drone in varied.FRAMES},
+    "frames_apg": gradients.frames_row(),
+}

@@ -59,7 +59,7 @@ class Training:
     num_envs: int
     """Environments that fly at once."""
     settings: Keywords
-    """Keywords of PPO. The learning rate falls to zero if ``falls``."""
+    """Keywords of the learner. The learning rate falls to zero if ``falls``."""
     learns: Callable[[], Keywords] = dict
     """Returns the keywords of the environments for training. ``drones_per_env`` may be a dict from numbers of drones to
     the drones that fly so, and ``num_envs`` then has their sum."""
@@ -76,6 +76,8 @@ class Training:
     """Flyers without a policy by name; of several the best one counts, chosen by flights of its own."""
     film: Keywords = field(default_factory=dict)
     """Keywords of `flockstep.record`."""
+    learner: str = "PPO"
+    """``"PPO"``, or ``"APG"`` for the derivatives of the flight."""
     entropy: float = 0.0
     """Entropy bonus at the start; it falls to zero over the first 80 % of the steps."""
     falls: bool = True

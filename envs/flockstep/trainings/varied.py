@@ -24,7 +24,7 @@ from flockstep.trainings.flying import Flyer
 from flockstep.trainings.training import UNSEEN_SEEDS, Array, Keywords, Training
 from flockstep.variations import controllers, log_uniform, normal, uniform, vary
 
-FRAMES = DroneModel.names()
+FRAMES = [name for name in DroneModel.names() if DroneModel.load(name).num_rotors == 4]
 UNSEEN_FRAMES = [f"random/seed-{seed}" for seed in range(UNSEEN_SEEDS.start, UNSEEN_SEEDS.start + 1000)]
 LATE: Keywords = {
     "variations": vary(action_delay_s=(0.0, 0.04)),

@@ -346,11 +346,14 @@ class DroneController : public DroneOperations {
   // Index of the drone in the batch.
   std::int64_t drone() const { return drone_; }
 
-  // Sets the command that later steps fly by rotors. control: its meaning, such as "velocity"; empty: that of the batch.
-  void set_command(const std::array<float, 4>& command, std::string_view control = {}) {
+  // Sets the command that later steps fly by rotors. control: its meaning, such as "velocity"; empty: that of the batch. Braces
+  // hold four numbers; the commands of more rotors are a std::array of them.
+  template <std::size_t kSize = 4>
+  void set_command(const std::array<float, kSize>& command, std::string_view control = {}) {
     set_command(later, command, control).get();
   }
-  Future<void> set_command(Later, const std::array<float, 4>& command, std::string_view control = {}) {
+  template <std::size_t kSize = 4>
+  Future<void> set_command(Later, const std::array<float, kSize>& command, std::string_view control = {}) {
     return simulation_.set_command(later, {.command = command}, drone_, control);
   }
 

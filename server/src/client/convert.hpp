@@ -63,6 +63,11 @@ void add_rows(protocol::FrameWriter& writer, const char* name, std::span<const T
               std::initializer_list<std::int64_t> row) {
   writer.add(name, protocol::dtype_of<T>(), std::as_bytes(values), shape_of(name, values.size(), row));
 }
+// Numbers of a drone's command. control: empty for that of the batch.
+inline std::int64_t command_size(const ServerInfo& server, std::string_view control) {
+  const std::string_view name = control.empty() ? std::string_view(server.control) : control;
+  return name == "rotor_speeds" || name == "rotor_thrusts" ? server.num_rotors : 4;
+}
 // Throws Error for flags other than 0 and 1.
 void add_flags(protocol::FrameWriter& writer, const char* name, std::span<const std::uint8_t> flags,
                std::initializer_list<std::int64_t> row);

@@ -36,7 +36,9 @@ void list_arrays(const Batch& batch, std::string_view sensor, const std::functio
   if (batch.bodies().per_env() > 0) {
     list_all(batch.state().bodies, {.bodies = {batch.config().num_envs, std::int64_t(batch.bodies().per_env())}}, list);
   }
-  if (!batch.config().dynamics.is_kinematic()) list_all(batch.state().flight, {}, list);
+  if (!batch.config().dynamics.is_kinematic()) {
+    list_all(batch.state().flight, {.sizes = {std::int64_t(batch.num_rotors()), 1}, .dimensions = 1}, list);
+  }
   list_all(batch.pose_readings(), {}, list);
   if (batch.task() == nullptr) return;
   list_all(batch.episodes(), {}, list);

@@ -152,14 +152,25 @@ void Service::locked(Call& call, const protocol::SetPoses& set) {
 
 void Service::locked(Call& call, const protocol::Fly& fly) {
   const std::int64_t drones = batch_.config().num_drones();
-  const auto command = call.given<float>("command", {drones, 4});
+  const std::optional<Control> control = control_of(fly.control);
+  const auto command = call.given<float>("command", {drones, static_cast<std::int64_t>(batch_.command_size(control))});
   const auto mask = call.flags("mask", {drones});
   require(fly.ticks <= 1000000, "ticks", "an integer in [0, 1000000]", fly.ticks);
   require_may_change(call, mask ? std::span<const std::uint8_t>(*mask) : std::span<const std::uint8_t>());
-  const std::optional<Control> control = control_of(fly.control);
   begin_change();
   batch_.fly(command, static_cast<int>(fly.ticks), mask ? DroneMask(*mask) : DroneMask(), control);
   write_time(call);
+}
+
+void Service::clear_command(std::size_t drone) {
+  has_command_[drone] = 0;
+  std::fill_n(commands_.begin() + static_cast<std::ptrdiff_t>(command_size() * drone), command_size(), 0.0F);
+}
+
+void Service::drop_absent_commands() {
+  for (std::size_t drone = 0; drone < has_command_.size(); ++drone) {
+    if (has_command_[drone] != 0 && batch_.state().active[drone] == 0) clear_command(drone);
+  }
 }
 
 void Service::locked(Call& call, const protocol::SetCommand& set) {
@@ -171,18 +182,20 @@ void Service::locked(Call& call, const protocol::SetCommand& set) {
   require(control != Control::pose, "control", "a control other than pose", "pose");
   drop_absent_commands();
   std::vector<std::uint8_t> mask(static_cast<std::size_t>(drones), 0);
+  const auto size = static_cast<std::int64_t>(batch_.command_size(control));
   std::vector<float> commands = commands_;
+  if (command_control_ != control) commands.assign(static_cast<std::size_t>(size * drones), 0.0F);
   if (set.drone) {
     const std::size_t drone = require_drone(*set.drone);
-    const auto command = call.given<float>("command", {1, 4});
-    std::ranges::copy(command, commands.begin() + static_cast<std::ptrdiff_t>(4 * drone));
+    const auto command = call.given<float>("command", {1, size});
+    std::ranges::copy(command, commands.begin() + size * static_cast<std::ptrdiff_t>(drone));
     mask[drone] = 1;
   } else {
-    const auto command = call.given<float>("command", {drones, 4});
+    const auto command = call.given<float>("command", {drones, size});
     mask = call.flags("mask", {drones}).value_or(std::vector<std::uint8_t>(static_cast<std::size_t>(drones), 1));
     for (std::size_t drone = 0; drone < mask.size(); ++drone) {
-      const auto row = static_cast<std::ptrdiff_t>(4 * drone);
-      if (mask[drone] != 0) std::copy_n(command.begin() + row, 4, commands.begin() + row);
+      const auto row = size * static_cast<std::ptrdiff_t>(drone);
+      if (mask[drone] != 0) std::copy_n(command.begin() + row, size, commands.begin() + row);
     }
   }
   require_may_change(call, mask);

@@ -98,13 +98,13 @@ std::optional<Picture> Service::copy_frame(Call& call, const ArraySource& arrays
   const bool is_file = get.format != protocol::ImageFormat::kRaw;
   const std::string output = !get.output.empty() ? get.output : camera.outputs.rgb ? "rgb" : "grey";
   const std::optional<ArrayView> found = arrays.find(camera.name, output);
-  if (!found || output == "frame_step") {
-    std::string outputs;
-    for_each_field(camera.outputs, [&](const auto& field, bool is_on) {
-      if (is_on) outputs += (outputs.empty() ? "" : ", ") + std::string(field.name);
-    });
-    refuse("output", "an output of camera \"" + camera.name + "\" (" + outputs + ')', '"' + output + '"');
-  }
+  std::string outputs;
+  bool is_image = false;
+  for_each_field(camera.outputs, [&](const auto& field, bool is_on) {
+    if (is_on) outputs += (outputs.empty() ? "" : ", ") + std::string(field.name);
+    is_image |= is_on && output == field.name;
+  });
+  require(is_image && found, "output", "an output of camera \"" + camera.name + "\" (" + outputs + ')', '"' + output + '"');
   require(!is_file || output == "rgb" || output == "grey", "output", "rgb or grey for a JPEG or PNG file; RAW gives the others",
           '"' + output + '"');
   auto& data = call.result<protocol::CameraData>();

@@ -79,6 +79,8 @@ void Service::refresh_info() {
   next->protocol = protocol::kVersion;
   next->version = FLOCKSTEP_VERSION;
   next->flies_by_rotors = !config.dynamics.is_kinematic();
+  next->control = EnumNames<Control>::kNames[static_cast<std::size_t>(config.dynamics.control)];
+  next->num_rotors = static_cast<std::int64_t>(batch_.num_rotors());
   next->has_task = task_ != nullptr;
   next->step_s = step_s_;
   next->num_envs = config.num_envs;
@@ -255,6 +257,7 @@ std::size_t Service::max_array_bytes(const protocol::Request& request) {
       return std::max<std::size_t>(static_cast<std::size_t>(now->bodies_per_env), 1);  // a mask may be that of envs
     if (name == "N") return std::max<std::size_t>(drones, 1);
     if (name == "E or N") return std::max(envs, drones);
+    if (name == "C") return kMaxRotors;  // a command
     if (name == "action") return task_ == nullptr ? 0 : batch_.spec().action.size();
     if (name == "size") return std::max(now->max_snapshot_bytes, 2 * largest_snapshot_);
     return static_cast<std::size_t>(std::stoul(std::string(name)));
@@ -492,10 +495,11 @@ void Service::renumber(std::int64_t drones_per_env) {
   if (before == 0) return;
   const auto moved = [&](std::int64_t drone) { return drone / before * drones_per_env + drone % before; };
   const auto size = static_cast<std::size_t>(info_->num_envs * drones_per_env);
-  std::vector<float> commands(4 * size);
+  const auto length = static_cast<std::int64_t>(command_size());
+  std::vector<float> commands(command_size() * size);
   std::vector<std::uint8_t> has_command(size);
   for (std::int64_t drone = 0; drone < count; ++drone) {
-    std::copy_n(commands_.begin() + 4 * drone, 4, commands.begin() + 4 * moved(drone));
+    std::copy_n(commands_.begin() + length * drone, length, commands.begin() + length * moved(drone));
     has_command[static_cast<std::size_t>(moved(drone))] = has_command_[static_cast<std::size_t>(drone)];
   }
   commands_ = std::move(commands);
@@ -512,19 +516,8 @@ void Service::fit_rows() {
   rotations_.assign(4 * drones, 0.0F);
   for (std::size_t drone = 0; drone < drones; ++drone) rotations_[4 * drone] = 1.0F;
   mask_.assign(drones, 0);
-  commands_.resize(4 * drones, 0.0F);
+  commands_.resize(command_size() * drones, 0.0F);
   has_command_.resize(drones, 0);
-}
-
-void Service::clear_command(std::size_t drone) {
-  has_command_[drone] = 0;
-  std::fill_n(commands_.begin() + static_cast<std::ptrdiff_t>(4 * drone), 4, 0.0F);
-}
-
-void Service::drop_absent_commands() {
-  for (std::size_t drone = 0; drone < has_command_.size(); ++drone) {
-    if (has_command_[drone] != 0 && batch_.state().active[drone] == 0) clear_command(drone);
-  }
 }
 
 std::span<const std::uint8_t> Service::only(std::size_t drone) {

@@ -139,6 +139,7 @@ class Service {
                                    const std::array<float, 4>& rotation) const;
   std::span<const std::uint8_t> only(std::size_t drone);  // a mask
   void fit_rows();                                        // resizes the arrays of rows after the batch has grown
+  std::size_t command_size() const { return batch_.command_size(command_control_); }
   void clear_command(std::size_t drone);
   void drop_absent_commands();  // commands of drones that were removed, also by the program
 
@@ -184,7 +185,7 @@ class Service {
   std::vector<float> positions_, rotations_;           // (N, 3), (N, 4): for calls that take rows of all drones
   std::vector<std::uint8_t> mask_;                     // (N,), see only()
   std::vector<float> ranges_, directions_;             // one scan's
-  std::vector<float> commands_;                        // (N, 4), which steps fly; 0 without a command
+  std::vector<float> commands_;                        // (N, command_size()), which steps fly; 0 without a command
   std::vector<std::uint8_t> has_command_;              // (N,)
   std::optional<Control> command_control_;             // all commands'
   std::map<Client*, std::shared_ptr<Call>> lockstep_;  // members, with the step for which they wait

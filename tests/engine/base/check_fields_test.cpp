@@ -130,11 +130,11 @@ int count_refused(const std::string& prefix) {
 }
 
 TEST(CheckFields, IsCalledByEachConfiguration) {
-  EXPECT_EQ(count_refused<LidarConfig>("lidar."), 18);
-  EXPECT_EQ(count_refused<CameraConfig>("camera."), 14);
+  EXPECT_EQ(count_refused<LidarConfig>("lidar."), 22);
+  EXPECT_EQ(count_refused<CameraConfig>("camera."), 20);
   EXPECT_EQ(count_refused<ColorRange>("color."), 4);
-  EXPECT_EQ(count_refused<PoseSensorConfig>("pose_sensor."), 5);
-  EXPECT_EQ(count_refused<ImuConfig>("imu."), 11);
+  EXPECT_EQ(count_refused<PoseSensorConfig>("pose_sensor."), 9);
+  EXPECT_EQ(count_refused<ImuConfig>("imu."), 15);
   EXPECT_EQ(count_refused<EpisodeConfig>(""), 3);
   EXPECT_EQ(count_refused<ClockConfig>(""), 4);
   EXPECT_EQ(count_refused<ObservationConfig>("observed."), 8);

@@ -413,7 +413,8 @@ TEST(LaneGroup, StoresTheGivenLanesOnly) {
                               &flock.acceleration, &flock.angular_acceleration}) {
       for (auto& lane : *lanes) lane.fill(-1.0F);
     }
-    for (auto* const lanes : {&flock.rotation, &flock.rotor, &flock.rotor_command}) {
+    for (auto& lane : flock.rotation) lane.fill(-1.0F);
+    for (auto* const lanes : {&flock.rotor, &flock.rotor_command}) {
       for (auto& lane : *lanes) lane.fill(-1.0F);
     }
     LaneFlags lanes{};

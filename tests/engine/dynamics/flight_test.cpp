@@ -56,7 +56,7 @@ Flock random_flock(std::uint32_t seed, dynamics::Stage stage) {
     for (auto& part : flock.rotation) part[lane] /= std::sqrt(square);
     flock.height[lane] = random.within(0.1F, 2.0F);
     if (stage == dynamics::Stage::rotors) {
-      for (std::size_t i = 0; i < kRotors; ++i) flock.setpoint[i][lane] = random.within(400.0F, 900.0F);
+      for (std::size_t i = 0; i < kMaxRotors; ++i) flock.setpoint[i][lane] = random.within(400.0F, 900.0F);
     }
   }
   return flock;
@@ -71,8 +71,9 @@ std::vector<dynamics::ContactPoint> with_normal(std::span<const Vec3> points, co
 bool same(const Flock& a, const Flock& b) { return std::memcmp(&a, &b, sizeof a) == 0; }
 
 TEST(Flight, OfADroneIsTheSameBesideOtherAirframes) {
-  const std::vector<Airframe> frames = different_airframes();
+  std::vector<Airframe> frames = different_airframes();
   ASSERT_GE(frames.size(), 8U);
+  for (const char* const name : {"f550", "naki"}) frames.push_back(*DroneModel::load(name).airframe());
   for (const Control control : kFlightControls) {
     for (const Integrator integrator : {Integrator::midpoint, Integrator::rk4}) {
       SCOPED_TRACE(::testing::Message() << "control " << static_cast<int>(control) << ", integrator "
@@ -89,7 +90,13 @@ TEST(Flight, OfADroneIsTheSameBesideOtherAirframes) {
       }
       dynamics::LaneNumbers numbers;
       dynamics::set_lanes(of_lanes, numbers);
-      const Flock start = random_flock(11, mixed.stage);
+      Flock start = random_flock(11, mixed.stage);
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        for (std::size_t rotor = frames[lane % frames.size()].num_rotors(); rotor < kMaxRotors; ++rotor) {
+          start.rotor[rotor][lane] = start.rotor_command[rotor][lane] = 0.0F;
+          if (mixed.stage == dynamics::Stage::rotors) start.setpoint[rotor][lane] = 0.0F;
+        }
+      }
       Flock together = start;
       dynamics::fly(mixed, numbers, together, 0, 20);
       for (std::size_t frame = 0; frame < frames.size(); ++frame) {
@@ -116,13 +123,13 @@ TEST(Flight, OfADroneIsTheSameBesideOtherAirframes) {
 }
 
 TEST(Flight, HasTheSameBitsOnEveryTarget) {
-  const DroneModel model = DroneModel::load("hummingbird");
+  const std::array<Airframe, 2> airframes{*DroneModel::load("hummingbird").airframe(), *DroneModel::load("naki").airframe()};
   int compared = 0;
   for (const Control control : kFlightControls) {
-    for (const Integrator integrator : {Integrator::midpoint, Integrator::rk4}) {
+    for (std::size_t kind = 0; kind < 4; ++kind) {
       DynamicsConfig config = config_of(control);
-      config.integrator = integrator;
-      Airframe frame = *model.airframe();
+      config.integrator = kind % 2 == 0 ? Integrator::midpoint : Integrator::rk4;
+      Airframe frame = airframes[kind / 2];
       frame.rotor_lift = 1e-3;
       frame.linear_drag = {0.1, 0.2, 0.3};
       frame.quadratic_drag = {0.01, 0.02, 0.03};
@@ -140,7 +147,7 @@ TEST(Flight, HasTheSameBitsOnEveryTarget) {
       });
     }
   }
-  EXPECT_GE(compared, 2 * static_cast<int>(kFlightControls.size()));
+  EXPECT_GE(compared, 4 * static_cast<int>(kFlightControls.size()));
 }
 
 TEST(Flight, OfALaneDependsOnlyOnThatLane) {
@@ -220,7 +227,7 @@ std::shared_ptr<const World> clutter(const Vec3& at) {
 }
 
 // Covers contacts that bounce, gusts, an IMU, a LiDAR between ticks, and resets.
-void expect_no_allocation(int drones_per_env) {
+void expect_no_allocation(int drones_per_env, const std::vector<std::string>& airframes = {}) {
   constexpr std::size_t kDrones = 64;
   const auto room = make_world({primitive(PrimitiveKind::room, Vec3::Zero(), {2.0F, 2.0F, 1.5F}),
                                 primitive(PrimitiveKind::cylinder, {1.2F, 0.4F, 0.0F}, {0.2F, 0.2F, 1.5F})},
@@ -229,6 +236,7 @@ void expect_no_allocation(int drones_per_env) {
   config.drones_per_env = drones_per_env;
   config.dynamics.on_contact = OnContact::bounce;
   config.dynamics.wind.gusts = Gusts::dryden;
+  config.airframes = airframes;
   config.imus = {ImuConfig{}};
   config.lidars = {LidarConfig{.rate_hz = 100.0F}};
   config.episode.max_episode_steps = 150;
@@ -257,6 +265,7 @@ void expect_no_allocation(int drones_per_env) {
 
 TEST(Flight, AStepAllocatesNothing) { expect_no_allocation(1); }
 TEST(Flight, AStepOfSeveralDronesPerEnvAllocatesNothing) { expect_no_allocation(4); }
+TEST(Flight, AStepOfDifferentAirframesAllocatesNothing) { expect_no_allocation(1, {"crazyflie", "naki", "f550"}); }
 
 // Drones that keep pushing against walls and corners never get inside anything. `./dev try pushes` tries it 10^8 times.
 TEST(Contact, PushedAgainstWallsAndCornersNothingGetsInside) {

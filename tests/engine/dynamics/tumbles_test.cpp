@@ -103,7 +103,7 @@ struct Tumble {
       append(rates, random.point(6.0F));
     }
     batch->set_pose(position, rotation);
-    batch->set_velocity(velocity, rates, std::vector<float>(kDrones * kRotors, 0.0F));
+    batch->set_velocity(velocity, rates, std::vector<float>(kDrones * batch->num_rotors(), 0.0F));
   }
 
   static Vec3 vec3(const auto& array, std::size_t drone) { return Vec3::Map(array.data() + 3 * drone); }
@@ -137,12 +137,12 @@ struct Tumble {
 TEST(Tumbles, NoDroneFreezesInTheAirOrGainsEnergy) {
   Random random(47 + part_tried());
   const std::vector<std::string> frames = DroneModel::names();
-  const std::vector<float> still(Tumble::kDrones * kRotors, 0.0F);
   const auto rounds = static_cast<std::size_t>(times_tried(static_cast<long>(frames.size() * kAll.size())));
   long contacts = 0;  // ticks in which a drone touches something
   for (std::size_t round = 0; round < rounds; ++round) {
     Tumble tumble(random, frames[round % frames.size()], kAll[round / frames.size() % kAll.size()]);
     Batch& batch = *tumble.batch;
+    const std::vector<float> still(Tumble::kDrones * batch.num_rotors(), 0.0F);
     const State& state = batch.state();
     std::array<int, Tumble::kDrones> same{};
     std::array<bool, Tumble::kDrones> begins_inside{};

@@ -126,8 +126,9 @@ struct WashSwarm {
       const std::array<float, 4> wxyz{q.w(), q.x(), q.y(), q.z()};
       std::copy_n(wxyz.data(), 4, state.quat_wxyz.data() + 4 * drone);
       const Airframe& frame = frames[static_cast<std::size_t>(index.back())];
-      for (std::size_t rotor = 0; rotor < kRotors; ++rotor) {
-        state.flight.rotor_speed[kRotors * drone + rotor] = static_cast<float>(frame.hover_speed()) * random.within(0.8F, 1.2F);
+      for (std::size_t rotor = 0; rotor < kMinRotors; ++rotor) {
+        state.flight.rotor_speed[kMinRotors * drone + rotor] =
+            static_cast<float>(frame.hover_speed()) * random.within(0.8F, 1.2F);
       }
       state.active[drone] = drone % 7 != 3;
     }
@@ -145,8 +146,8 @@ struct WashSwarm {
   double load(std::size_t drone) const {
     const Airframe& frame = fleet->airframe_of(DroneIndex(drone));
     double thrust = 0.0;
-    for (std::size_t rotor = 0; rotor < kRotors; ++rotor) {
-      thrust += frame.thrust_at(static_cast<double>(state.flight.rotor_speed[kRotors * drone + rotor]));
+    for (std::size_t rotor = 0; rotor < kMinRotors; ++rotor) {
+      thrust += frame.thrust_at(static_cast<double>(state.flight.rotor_speed[kMinRotors * drone + rotor]));
     }
     return frame.radius_m > 0.0 ? thrust / area(frame) : 0.0;
   }
@@ -194,8 +195,8 @@ TEST(Downwash, OfMixedFleetsFollowsItsEquations) {
     WashSwarm swarm(seed);
     swarm.update();
     for (std::size_t drone = 0; drone < kWashDrones; ++drone) {
-      for (std::size_t rotor = 0; rotor < kRotors; ++rotor) {
-        const float found = swarm.fleet->thrust_share[kRotors * drone + rotor];
+      for (std::size_t rotor = 0; rotor < kMinRotors; ++rotor) {
+        const float found = swarm.fleet->thrust_share[kMinRotors * drone + rotor];
         const double expected = swarm.state.active[drone] ? swarm.share(drone, rotor) : 1.0;
         ASSERT_NEAR(static_cast<double>(found), expected, 2e-5) << drone << ' ' << rotor;
         lose += expected < 0.95 ? 1 : 0;
@@ -213,7 +214,7 @@ TEST(Downwash, LeavesAnEnvOfOneActiveDroneWithoutWash) {
   for (std::size_t drone = 0; drone < kWashDrones; ++drone) swarm.state.active[drone] = drone % kWashMembers == 4;
   swarm.update();
   for (std::size_t drone = 4; drone < kWashDrones; drone += kWashMembers) {
-    EXPECT_TRUE(is_still(swarm.fleet->thrust_share[kRotors * drone]));
+    EXPECT_TRUE(is_still(swarm.fleet->thrust_share[kMinRotors * drone]));
   }
 }
 

@@ -277,7 +277,8 @@ BatchConfig unusual() {
 }
 
 TEST(ConfigJson, IsAnObjectOfTheFields) {
-  const std::string text = R"({"position_noise_std_m":0.1,"orientation_noise_std_deg":0.0,"rate_hz":null,"latency_s":0.0})";
+  const std::string text =
+      R"({"position_noise_std_m":0.1,"orientation_noise_std_deg":0.0,"rate_hz":null,"latency_s":0.0,"jitter_s":0.0,"loss":0.0})";
   EXPECT_EQ(json_of(PoseSensorConfig{.position_noise_std_m = 0.1F}).dump(), text);
   EXPECT_EQ(json_of(ColorRange()).dump(), R"({"space":"excess","low":[0,17,0],"high":[255,255,255]})");
   CameraConfig camera;

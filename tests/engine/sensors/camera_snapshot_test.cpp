@@ -414,7 +414,8 @@ TEST(CameraSnapshot, DamagedOnesAreRefusedAndChangeNothing) {
   put(batch, {1, 2, 3});
   batch.sense();
   const std::string blob = batch.snapshot();
-  const std::size_t steps = blob.size() - 8 * kDrones;
+  const std::size_t ages = blob.size() - 4 * kDrones;
+  const std::size_t steps = ages - 8 - 8 * kDrones;
   const std::size_t drones = steps - 8 - 8 * kDrones;
   const std::size_t bodies = drones - 8 - 8 * kDrones;
   const std::size_t ticks = bodies - 8 - 8 * kDrones;

@@ -296,7 +296,7 @@ LEFT_OUT = object()
         ("rotors", [], ("rotors",)),
         ("rotors/spin", ["ccw"] * 4, ("rotors", "turn the body")),
         ("rotors/spin", ["ccw", "left", "cw", "cw"], ("spin/1", "ccw", "cw", "left")),
-        ("rotors/spin", ["ccw"], ("spin", "an array of 4")),
+        ("rotors/spin", ["ccw"], ("rotors spin", 4, 1)),
         ("rotors/position_m", [[0, 0, 0]] * 4, ("rotors", "turn the body")),
         ("rotors/position_m", [[0.1, 0.1, 0]] * 3, ("position_m",)),
         ("rotors/position_m", [[0.1, 0.1]] * 4, ("position_m/0", 3)),

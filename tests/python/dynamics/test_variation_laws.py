@@ -87,3 +87,18 @@ def test_misspelt_names_are_refused():
         presets["diffaeros"]
     with refused(ValueError, "controllers", *controllers, "px5"):
         controllers["px5"]
+
+
+def test_other_constants_act_from_the_next_episode():
+    heavy = vary(mass_scale=1.3)
+    changed, made = (
+        flockstep.DroneVectorEnv(20, task=flockstep.HoverConfig(), variations=laws)
+        for laws in (vary(mass_scale=1.0), heavy)
+    )
+    changed.reset(seed=1)
+    changed.batch.set_variations(heavy)
+    for envs in (changed, made):
+        envs.reset(seed=2)
+        for _ in range(20):
+            envs.step(np.zeros((20, 4), np.float32))
+    assert np.array_equal(changed.batch.velocity, made.batch.velocity)

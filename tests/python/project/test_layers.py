@@ -35,7 +35,7 @@ ALLOWED: dict[str, set[str]] = {
 # These may include all layers below them.
 ALLOWED["tasks"] = set(ALLOWED)
 ALLOWED["batch"] = set(ALLOWED)
-ALLOWED["learning"] = {"base", "batch"}
+ALLOWED["learning"] = {"base", "batch", "tasks"}
 ALLOWED["recipe"] = set(ALLOWED)
 
 # Public headers that expose a folder count as that folder. The others define plain types, which any folder may include.

@@ -108,6 +108,10 @@ class TestRotors:
     @pytest.mark.parametrize("name", flockstep.DroneModel.names())
     def test_bundled_airframes_fit(self, name):
         drone = flockstep.DroneModel.load(name)
+        if drone.num_rotors != 4:
+            with refused(ValueError, "drone", "quadrotor", drone.num_rotors):
+                rotors_of_quad_x(drone)
+            return
         rotors = drone.to_dict()["rotors"]
         for motor, rotor in enumerate(rotors_of_quad_x(drone)):
             x, y, _ = rotors["position_m"][rotor]

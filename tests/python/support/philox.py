@@ -21,9 +21,14 @@ def named_stream(name: str) -> int:
     return value | 0x80000000
 
 
-def uniform(seed: int, episode: int, stream: int, index: int, member: int = 0) -> float:
-    """A number in [0, 1) of a drone: of its env's seed and episode, and of its place in the env."""
-    word = philox(
+def uniforms(seed: int, episode: int, stream: int, index: int, member: int = 0) -> list[float]:
+    """Four numbers in [0, 1) of a drone: of its env's seed and episode, and of its place in the env."""
+    words = philox(
         [index, stream, episode & 0xFFFFFFFF, (episode >> 32) ^ (member << 12)], [seed & 0xFFFFFFFF, seed >> 32]
-    )[0]
-    return (word >> 8) / 2**24
+    )
+    return [(word >> 8) / 2**24 for word in words]
+
+
+def uniform(seed: int, episode: int, stream: int, index: int, member: int = 0) -> float:
+    """The first of these numbers."""
+    return uniforms(seed, episode, stream, index, member)[0]

@@ -1,4 +1,4 @@
-"""The equations of quadrotor flight in double precision, solved by SciPy: the reference for the engine's flight.
+"""The equations of multirotor flight in double precision, solved by SciPy: the reference for the engine's flight.
 
 World frame z up, body frame x forward, y left, z up; SI units. Every function takes rows, one drone each. Every term of
 the equations has its own function, which is zero for a frame without its numbers.
@@ -17,7 +17,7 @@ import flockstep
 GRAVITY = 9.81  # m/s^2
 OPEN = world_of(room={"min": [-2e4] * 3, "max": [2e4] * 3})
 UP = np.array([0.0, 0.0, 1.0])
-FRAMES = flockstep.DroneModel.names()
+FRAMES = [name for name in flockstep.DroneModel.names() if flockstep.DroneModel.load(name).num_rotors == 4]
 CONTROLS = (  # that `fly` and the flight tasks accept
     "rotor_speeds",
     "rotor_thrusts",
@@ -82,8 +82,9 @@ def batch_of(data, num_drones=1, policy_hz=100.0, physics_hz=500.0, worlds=(OPEN
 
 
 def fly_for(batch, command, seconds, policy_hz=100):
-    """Fly one command, (4,) or (N, 4), for a whole number of steps."""
-    command = np.broadcast_to(np.asarray(command, float), (batch.num_drones, 4))
+    """Fly one command, a row or one of each drone, for a whole number of steps."""
+    command = np.asarray(command, float)
+    command = np.broadcast_to(command, (batch.num_drones, command.shape[-1]))
     for _ in range(round(seconds * policy_hz)):
         batch.fly(command)
 
@@ -122,12 +123,12 @@ class Body:
         self.quadratic = np.array([d["quadratic_n_per_mps2"] for d in drags])
 
     def thrust(self, speed):
-        """Thrust in N along the body's z axis, of rotors (N, 4) at these speeds."""
+        """Thrust in N along the body's z axis, of rotors (N, R) at these speeds."""
         c0, c1, c2 = self.polynomial.T[:, :, None]
         return np.maximum(c0 + c1 * speed + c2 * speed**2, 0.0)
 
     def air_at_rotors(self, velocity, rates):
-        """(N, 4, 3) m/s, velocity of the hubs through the air; both arguments in the body frame."""
+        """(N, R, 3) m/s, velocity of the hubs through the air; both arguments in the body frame."""
         return velocity[:, None] + np.cross(rates[:, None], self.hub)
 
     def drag_of_rotors(self, speed, air):
@@ -150,8 +151,8 @@ class Body:
         return -np.cross(rates, momentum) - inertia * (self.sign * spin_up).sum(1, keepdims=True)
 
     def derivative(self, state, command):
-        """Derivative of rows of position, quaternion, velocity in the world, body rates and rotor speeds: (N, 17)."""
-        quat, velocity, rates, speed = state[:, 3:7], state[:, 7:10], state[:, 10:13], state[:, 13:17]
+        """Derivative of rows of position, quaternion, velocity in the world, body rates, rotor speeds: (N, 13 + R)."""
+        quat, velocity, rates, speed = state[:, 3:7], state[:, 7:10], state[:, 10:13], state[:, 13:]
         rotation = Rotation.from_quat(quat, scalar_first=True).as_matrix()
         through_air = (velocity[:, None] @ rotation)[:, 0]
         air = self.air_at_rotors(through_air, rates)
@@ -176,7 +177,7 @@ class Body:
         return state + dt / 6 * (a + 2 * b + 2 * c + d)
 
     def fly(self, state, commands, step_s):
-        """States after each of the commands (T, N, 4), each held for one step: (T, N, 17)."""
+        """States after each of the commands (T, N, R), each held for one step: (T, N, 13 + R)."""
         states, lags = [], self.lag.max(1, keepdims=True) > 0
         for command in commands:
             state = state.copy()
@@ -213,7 +214,7 @@ class Start:
             Rotation.random(num_drones, rng).as_quat(scalar_first=True),
             rng.normal(0, speed_mps, (num_drones, 3)),
             rng.normal(0, rates_radps, (num_drones, 3)),
-            hover * rng.uniform(0.97, 1.03, (num_drones, 4)),
+            hover * rng.uniform(0.97, 1.03, (num_drones, drone_of(data).num_rotors)),
         )
         return Start(*(row.astype(np.float32) for row in rows))
 

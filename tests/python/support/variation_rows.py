@@ -5,10 +5,12 @@ import numpy as np
 from flockstep import DroneParameters, Variation, parameter_names
 
 FIELDS = tuple(DroneParameters.__match_args__)
+LATE = [f"rotor_thrust_scale[{k}]" for k in range(4, 8)]
 
 
 def columns(field):
-    return [i for i, name in enumerate(parameter_names) if name.partition("[")[0] == field]
+    """Indices of the floats of a field, of a quadrotor."""
+    return [i for i, name in enumerate(parameter_names) if name.partition("[")[0] == field and name not in LATE]
 
 
 def defaults():

@@ -162,7 +162,7 @@ CONTENT = {
 
 
 def test_a_cell_without_text_is_a_dash():
-    assert peers_table.table(CONTENT, [*CONTENT["rows"]]).splitlines()[2:] == [
+    assert peers_table.table(CONTENT).splitlines()[2:] == [
         "| LiDAR | yes | partly |",
         "| wind | yes | \N{EN DASH} |",
     ]
@@ -173,4 +173,4 @@ def test_a_cell_without_a_source_is_refused(cell):
     content = copy.deepcopy(CONTENT)
     content["rows"]["LiDAR"]["Peer"] = cell
     with refused(SystemExit, "peers.yaml: LiDAR, Peer", cell[1:]):
-        peers_table.table(content, [*content["rows"]])
+        peers_table.table(content)

@@ -392,7 +392,7 @@ def test_a_policy_that_does_not_catch_is_called_a_failure(monkeypatch, tmp_path,
     assert args.max_minutes is None
     assert not catch_film.main(args)
     text = capsys.readouterr().out
-    assert "FAILED: time ran out at 256 of 1,600,000 steps. The policy did not learn to catch a quadrotor" in text
+    assert "FAILED: time ran out at 256 of 307,200 steps. The policy did not learn to catch a quadrotor" in text
     assert "caught" not in text
 
 

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "flockstep/airframe.hpp"
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 
@@ -23,7 +24,7 @@ struct DroneParameters {
   float payload_kg = 0.0F;
   float payload_below_m = 0.0F;
   float thrust_scale = 1.0F;
-  std::array<float, 4> rotor_thrust_scale{1.0F, 1.0F, 1.0F, 1.0F};
+  std::array<float, kMaxRotors> rotor_thrust_scale{1.0F, 1.0F, 1.0F, 1.0F, 1.0F, 1.0F, 1.0F, 1.0F};
   float torque_scale = 1.0F;
   float lag_up_scale = 1.0F;
   float lag_down_scale = 1.0F;
@@ -51,69 +52,64 @@ struct DroneParameters {
     using C = DroneParameters;
     constexpr Limits kScale = between(0.05, 20);
     return field_list(
-        field("mass_scale", &C::mass_scale, {.about = "Factor of the mass, and of the inertia with it.", .limits = kScale}),
+        field("mass_scale", &C::mass_scale, {.about = "Factor of mass and inertia.", .limits = kScale}),
         field("stretch", &C::stretch,
-              {.about = "Factors by which the mass lies farther from the centre along x, y and z. The inertia follows, and is "
-                        "always one that a body can have.",
+              {.about = "Factors of the mass's distances from the centre along x, y and z. The inertia follows.",
                .limits = kScale}),
-        field("center_m", &C::center_m,
-              {.about = "Centre of mass, from its place in the airframe.", .unit = "m", .limits = within(10)}),
+        field("center_m", &C::center_m, {.about = "Shift of the centre of mass.", .unit = "m", .limits = within(10)}),
         field("arm_scale", &C::arm_scale,
-              {.about = "Factor of the distances of the rotors from the centre; the inertia stays.", .limits = kScale}),
-        field("payload_kg", &C::payload_kg,
-              {.about = "Mass of a point that is carried.", .unit = "kg", .limits = between(0, 1e4)}),
+              {.about = "Factor of the rotors' distances from the centre, at the same inertia.", .limits = kScale}),
+        field("payload_kg", &C::payload_kg, {.about = "Mass of a carried point.", .unit = "kg", .limits = between(0, 1e4)}),
         field("payload_below_m", &C::payload_below_m,
-              {.about = "Its distance below the centre of mass.", .unit = "m", .limits = between(0, 10)}),
-        field("thrust_scale", &C::thrust_scale, {.about = "Factor of the thrust of all rotors at a speed.", .limits = kScale}),
-        field("rotor_thrust_scale", &C::rotor_thrust_scale, {.about = "The same for each rotor.", .limits = between(0, 20)}),
-        field("torque_scale", &C::torque_scale, {.about = "Factor of a rotor's torque over its thrust.", .limits = kScale}),
-        field("lag_up_scale", &C::lag_up_scale, {.about = "Factor of the rotors' lag when they speed up.", .limits = kScale}),
-        field("lag_down_scale", &C::lag_down_scale,
-              {.about = "Factor of the rotors' lag when they slow down.", .limits = kScale}),
-        field("body_drag_scale", &C::body_drag_scale, {.about = "Factor of the drag of the body.", .limits = between(0, 20)}),
+              {.about = "Distance of that point below the centre of mass.", .unit = "m", .limits = between(0, 10)}),
+        field("thrust_scale", &C::thrust_scale, {.about = "Factor of all rotors' thrust at a speed.", .limits = kScale}),
+        field("rotor_thrust_scale", &C::rotor_thrust_scale,
+              {.about = "A further factor for each rotor that the drone has.", .limits = between(0, 20)}),
+        field("torque_scale", &C::torque_scale, {.about = "Factor of the ratio of torque to thrust.", .limits = kScale}),
+        field("lag_up_scale", &C::lag_up_scale, {.about = "Factor of the rotors' lag at rising speed.", .limits = kScale}),
+        field("lag_down_scale", &C::lag_down_scale, {.about = "Factor of the rotors' lag at falling speed.", .limits = kScale}),
+        field("body_drag_scale", &C::body_drag_scale, {.about = "Factor of the body's drag.", .limits = between(0, 20)}),
         field("rotor_drag_scale", &C::rotor_drag_scale,
-              {.about = "Factor of drag and lift of the rotors.", .limits = between(0, 20)}),
-        field("rate_gain_scale", &C::rate_gain_scale,
-              {.about = "Factor of the controller's gains of the rates.", .limits = kScale}),
+              {.about = "Factor of the rotors' drag and lift.", .limits = between(0, 20)}),
+        field("rate_gain_scale", &C::rate_gain_scale, {.about = "Factor of the controller's rate gains.", .limits = kScale}),
         field("attitude_gain_scale", &C::attitude_gain_scale,
-              {.about = "Factor of its gains of tilt and heading.", .limits = kScale}),
+              {.about = "Factor of the gains of tilt and heading.", .limits = kScale}),
         field("velocity_gain_scale", &C::velocity_gain_scale,
-              {.about = "Factor of its gains of the velocity and of the integral.", .limits = kScale}),
-        field("position_gain_scale", &C::position_gain_scale, {.about = "Factor of its gain of the position.", .limits = kScale}),
+              {.about = "Factor of the gains of velocity and integral.", .limits = kScale}),
+        field("position_gain_scale", &C::position_gain_scale, {.about = "Factor of the position gain.", .limits = kScale}),
         field("battery_used", &C::battery_used,
-              {.about = "Share of the charge that is used when an episode begins.", .limits = between(0, 1)}),
+              {.about = "Share of the charge used when an episode begins.", .limits = between(0, 1)}),
         field("battery_life_s", &C::battery_life_s,
-              {.about = "Time of hovering in which a full battery is used up.", .unit = "s", .limits = between(1, 1e6)}),
+              {.about = "Hovering time of a full battery.", .unit = "s", .limits = between(1, 1e6)}),
         field("battery_fall", &C::battery_fall,
-              {.about = "Share of the rotors' speed that is lost when the battery is empty; in proportion to its use before.",
+              {.about = "Share of the rotors' speed lost with an empty battery, in proportion to the used charge.",
                .limits = between(0, 0.9)}),
-        field("battery_sag", &C::battery_sag,
-              {.about = "Share of the rotors' speed that is lost at full power, by the resistance of the battery.",
-               .limits = between(0, 0.9)}),
+        field(
+            "battery_sag", &C::battery_sag,
+            {.about = "Share of the rotors' speed lost at full power, by the battery's resistance.", .limits = between(0, 0.9)}),
         field("dead_rotor", &C::dead_rotor,
-              {.about = "Number of the rotor that dies; fractions count as the number below.",
-               .limits = Limits{.least = 0, .greatest = 4, .excludes_greatest = true}}),
+              {.about = "Number of the rotor that dies, rounded down.",
+               .limits = Limits{.least = 0, .greatest = kMaxRotors, .excludes_greatest = true}}),
         field("dead_from_s", &C::dead_from_s,
-              {.about = "Time in the episode, rounded to control steps, from which it is dead.",
+              {.about = "Time in the episode from which that rotor is dead, rounded to control steps.",
                .unit = "s",
                .limits = between(0, 1e6)}),
         field("wind_mps", &C::wind_mps,
-              {.about = "Wind, added to that of `WindConfig`, world frame.", .unit = "m/s", .limits = within(1000)}),
+              {.about = "Wind beside `WindConfig`, world frame.", .unit = "m/s", .limits = within(1000)}),
         field("push_mps2", &C::push_mps2,
-              {.about = "Force from outside over the airframe's mass, world frame.", .unit = "m/s^2", .limits = within(1000)}),
+              {.about = "External force over the airframe's mass, world frame.", .unit = "m/s^2", .limits = within(1000)}),
         field("twist_radps2", &C::twist_radps2,
-              {.about = "Torque from outside over the inertia, body frame.", .unit = "rad/s^2", .limits = within(1e4)}),
+              {.about = "External torque over the inertia, body frame.", .unit = "rad/s^2", .limits = within(1e4)}),
         field("action_delay_s", &C::action_delay_s,
-              {.about = "Time after which a command takes effect, rounded to ticks. The first one of an episode does at once.",
+              {.about = "Delay of a command, rounded to ticks. The first command of an episode has none.",
                .unit = "s",
                .limits = between(0, kMaxDelay)}),
         field("action_jitter_s", &C::action_jitter_s,
-              {.about = "Greatest further delay of a command, drawn for each. A command that is overtaken by a later one has no "
-                        "effect.",
+              {.about = "Greatest further delay, drawn for each command. An overtaken command has no effect.",
                .unit = "s",
                .limits = between(0, kMaxDelay)}),
         field("action_loss", &C::action_loss,
-              {.about = "Probability that a command is lost; the one before it holds.", .limits = between(0, 1)}),
+              {.about = "Probability that a command is lost. The one before it holds.", .limits = between(0, 1)}),
         field("airframe", &C::airframe, {.about = "Number of the airframe in ``airframes``.", .limits = between(0, 1 << 20)}));
   }
 
@@ -153,12 +149,11 @@ struct Variation {
   static constexpr auto fields() {
     using C = Variation;
     return field_list(
-        field(
-            "parameter", &C::parameter,
-            {.about = "Name of a field of `DroneParameters`, such as ``\"mass_scale\"``. An array draws each element by itself; "
-                      "``\"stretch[2]\"`` is one element."}),
+        field("parameter", &C::parameter,
+              {.about = "Name of a field of `DroneParameters`, such as ``\"mass_scale\"``. Each element of an array is drawn by "
+                        "itself. ``\"stretch[2]\"`` is one element."}),
         field("low", &C::low, {.about = "Least value.", .limits = within(1e6)}),
-        field("high", &C::high, {.about = "Greatest value; equal to ``low`` for a constant.", .limits = within(1e6)}),
+        field("high", &C::high, {.about = "Greatest value, equal to ``low`` for a constant.", .limits = within(1e6)}),
         field("law", &C::law,
               {.about = "``\"uniform\"``, ``\"log_uniform\"`` (uniform in the logarithm), ``\"normal\"`` (clipped to [low, "
                         "high]), ``\"choice\"`` (one of ``choices``)."}),

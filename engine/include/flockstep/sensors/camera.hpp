@@ -88,6 +88,9 @@ struct CameraConfig {
   bool shadows = false;
   bool adaptive_samples = false;
   std::optional<float> rate_hz;
+  float latency_s = 0.0F;
+  float jitter_s = 0.0F;
+  float loss = 0.0F;
   std::optional<std::array<int, 2>> resize;
   Pool pool = Pool::mean;
 
@@ -101,8 +104,8 @@ struct CameraConfig {
         field("height_px", &C::height_px,
               {.about = "Height of the rendered image.", .unit = "px", .limits = between(1, kMaxSide)}),
         field("hfov_deg", &C::hfov_deg,
-              {.about = "Horizontal field of view. If only one of ``hfov_deg`` and ``vfov_deg`` is given, pixels are square, and "
-                        "the other must also be below 179. If neither, ``hfov_deg`` is 90.",
+              {.about = "Horizontal field of view. If you give only one of ``hfov_deg`` and ``vfov_deg``, pixels are square. If "
+                        "neither, ``hfov_deg`` is 90.",
                .unit = "deg",
                .limits = between(0.1, 179)}),
         field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0.1, 179)}),
@@ -120,30 +123,28 @@ struct CameraConfig {
         field("layout", &C::layout,
               {.about = "Shape of rgb, hsv and normal images. ``\"hwc\"``: (N, H, W, 3). ``\"chw\"``: (N, 3, H, W)."}),
         field("capture_mode", &C::capture_mode,
-              {.about = "``\"every_step\"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``\"on_movement\"``: "
-                        "there only if the drone's pose or world has changed. ``\"on_demand\"``: by `Batch.capture` alone, and a "
-                        "reset or a change of settings marks the frame as stale. In the other modes a reset renders too, and "
-                        "changed settings take effect at the next step or `Batch.sense`.",
+              {.about = "``\"every_step\"``: renders after every step, or at ``rate_hz``. ``\"on_movement\"``: after a step, if "
+                        "the drone's pose or world has changed. ``\"on_demand\"``: only in `Batch.capture`. The first two also "
+                        "render at a reset and in `Batch.sense`.",
                .affects_hash = AffectsHash::no}),  // the mode is part of the snapshot
         field("samples_per_pixel", &C::samples_per_pixel,
-              {.about = "Samples per pixel, averaged, for colours only; other outputs are taken at the pixel's centre.",
+              {.about = "Samples per pixel, averaged, for colours only. Other outputs are taken at the pixel's centre.",
                .limits = one_of(1, 4, 9, 16)}),
         field("adaptive_samples", &C::adaptive_samples,
-              {.about = "Take all samples only where colours differ, by more than 8 of 255 in a channel among 3 x 3 pixels, and "
-                        "one elsewhere: nearly equal images in less time. ``\"gl\"`` takes all."}),
+              {.about = "Take all samples only where colours differ by more than 8 of 255 among 3 x 3 pixels, one elsewhere: "
+                        "nearly equal images in less time. ``\"gl\"`` takes all."}),
         field("shadows", &C::shadows,
               {.about = "Hard shadows of the sun, cast by everything except markers and a room's walls and ceiling."}),
-        field("rate_hz", &C::rate_hz, kSensorRate),
+        field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency),
+        field("jitter_s", &C::jitter_s, kSensorJitter), field("loss", &C::loss, kSensorLoss),
         field("resize", &C::resize,
-              {.about = "(width, height) of the written images, at most ``width_px`` and ``height_px``. None: as rendered. "
-                        "``fx``, ``fy``, ``cx`` and ``cy`` stay those of the rendered image. Not with the outputs semantic, "
-                        "instance and normal, which cannot be averaged.",
+              {.about = "(width, height) of the written images, at most as rendered. ``fx``, ``fy``, ``cx`` and ``cy`` stay "
+                        "those of the rendered image. Not with the outputs semantic, instance and normal.",
                .unit = "px"}),
-        field(
-            "pool", &C::pool,
-            {.about =
-                 "How ``resize`` combines the pixels that a written one covers. ``\"mean\"``: by area, like OpenCV's INTER_AREA. "
-                 "``\"min\"``, ``\"max\"``: of each channel. Depth is inf if any pixel is a miss, with min only if all are."}));
+        field("pool", &C::pool,
+              {.about =
+                   "How ``resize`` combines pixels. ``\"mean\"``: by area, like OpenCV's INTER_AREA. "
+                   "``\"min\"``, ``\"max\"``: of each channel. Depth is inf if any pixel is a miss, with min only if all are."}));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -23,22 +23,20 @@ struct ImuReadings {
 
   static constexpr auto fields() {
     using C = ImuReadings;
-    return field_list(array("accelerometer", &C::accelerometer,
-                            {.columns = 3,
-                             .unit = "m/s^2",
-                             .frame = Frame::sensor,
-                             .writer = "IMU",
-                             .about = "latest reading of the specific force"}),
-                      array("gyroscope", &C::gyroscope,
-                            {.columns = 3,
-                             .unit = "rad/s",
-                             .frame = Frame::sensor,
-                             .writer = "IMU",
-                             .about = "latest reading of the angular velocity"}),
-                      array("imu_age_s", &C::age_s,
-                            {.unit = "s",
-                             .writer = "IMU",
-                             .about = "age of the latest reading that has arrived; see `rate_hz` and `latency_s`"}));
+    return field_list(
+        array("accelerometer", &C::accelerometer,
+              {.columns = 3,
+               .unit = "m/s^2",
+               .frame = Frame::sensor,
+               .writer = "IMU",
+               .about = "latest reading of the specific force"}),
+        array("gyroscope", &C::gyroscope,
+              {.columns = 3,
+               .unit = "rad/s",
+               .frame = Frame::sensor,
+               .writer = "IMU",
+               .about = "latest reading of the angular velocity"}),
+        array("imu_age_s", &C::age_s, {.unit = "s", .writer = "IMU", .about = "age of the newest reading that has arrived"}));
   }
 };
 
@@ -57,10 +55,12 @@ struct ImuConfig {
   std::array<float, 4> quat_wxyz{1.0F, 0.0F, 0.0F, 0.0F};
   std::optional<float> rate_hz;
   float latency_s = 0.0F;
+  float jitter_s = 0.0F;
+  float loss = 0.0F;
 
   static constexpr auto fields() {
     using C = ImuConfig;
-    constexpr FieldInfo kBiasTime{.about = "Correlation time of the bias; 0: a random walk.", .unit = "s", .limits = at_least(0)};
+    constexpr FieldInfo kBiasTime{.about = "Correlation time of the bias. 0: a random walk.", .unit = "s", .limits = at_least(0)};
     return field_list(
         field("name", &C::name, {.about = "Name, unique among the IMUs.", .form = Form::plain_name}),
         field("accelerometer_noise_density", &C::accelerometer_noise_density,
@@ -78,7 +78,8 @@ struct ImuConfig {
                .limits = at_least(0)}),
         field("gyroscope_bias_time_s", &C::gyroscope_bias_time_s, kBiasTime), field("offset_m", &C::offset_m, kMountOffset),
         field("quat_wxyz", &C::quat_wxyz, kMountRotation), field("rate_hz", &C::rate_hz, kSensorRate),
-        field("latency_s", &C::latency_s, kSensorLatency));
+        field("latency_s", &C::latency_s, kSensorLatency), field("jitter_s", &C::jitter_s, kSensorJitter),
+        field("loss", &C::loss, kSensorLoss));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -26,6 +26,8 @@ struct LidarConfig {
   std::vector<float> elevation_deg;
   std::optional<float> rate_hz;
   float latency_s = 0.0F;
+  float jitter_s = 0.0F;
+  float loss = 0.0F;
 
   static constexpr int kMaxRays = 1 << 18;  // per drone, in all channels
 
@@ -34,7 +36,7 @@ struct LidarConfig {
     return field_list(
         field("name", &C::name, {.about = "Name for `Batch.lidar`, unique among the LiDARs.", .form = Form::plain_name}),
         field("channels", &C::channels,
-              {.about = "Rows, from -vfov/2 to +vfov/2, both included; a single row has elevation 0.",
+              {.about = "Channels, from -vfov/2 to +vfov/2, both included. A single channel has elevation 0.",
                .limits = between(1, kMaxRays)}),
         field("beams", &C::beams,
               {.about = "Beams of a channel, counter-clockwise from -hfov/2 to +hfov/2, both included (at 360 without the end). "
@@ -47,14 +49,14 @@ struct LidarConfig {
             {.about = "Maximum range. Beyond it is a miss: inf in metres, 1 when normalised.", .unit = "m", .limits = above(0)}),
         field("offset_m", &C::offset_m, kMountOffset), field("quat_wxyz", &C::quat_wxyz, kMountRotation),
         field("azimuth_deg", &C::azimuth_deg,
-              {.about = "Azimuths of a pattern, which replaces the grid: a scan has the shape (1, number of azimuths). Leave "
-                        "``channels``, ``hfov_deg`` and ``vfov_deg`` at their defaults, and ``beams`` there or at the number of "
-                        "azimuths.",
+              {.about = "Azimuths of a pattern, which replaces the grid. Leave ``channels``, ``hfov_deg`` and ``vfov_deg`` at "
+                        "their defaults.",
                .unit = "deg",
                .limits = within(360)}),
         field("elevation_deg", &C::elevation_deg,
               {.about = "Elevations of the pattern, one for each azimuth.", .unit = "deg", .limits = within(90)}),
-        field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency));
+        field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency),
+        field("jitter_s", &C::jitter_s, kSensorJitter), field("loss", &C::loss, kSensorLoss));
   }
 
   FLOCKSTEP_API void validate() const;

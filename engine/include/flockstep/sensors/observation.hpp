@@ -21,8 +21,8 @@ struct ObservationConfig {
                         "episode fills all places.",
                .limits = between(1, kMaxHistory)}),
         field("past_actions", &C::past_actions,
-              {.about = "Number of past actions behind them, the newest first, clipped to the bounds of actions; of a discrete "
-                        "action one number for each choice, 1 for the one that was taken. Zeros before an episode's first "
+              {.about = "Number of past actions behind them, the newest first, clipped to the bounds of actions. A discrete "
+                        "action is one number for each choice, 1 for the one taken. Zeros before an episode's first "
                         "action.",
                .limits = between(0, kMaxHistory)}),
         field("delay_s", &C::delay_s,

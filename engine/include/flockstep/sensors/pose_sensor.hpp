@@ -15,6 +15,8 @@ struct PoseSensorConfig {
   float orientation_noise_std_deg = 0.0F;
   std::optional<float> rate_hz;
   float latency_s = 0.0F;
+  float jitter_s = 0.0F;
+  float loss = 0.0F;
 
   static constexpr auto fields() {
     using C = PoseSensorConfig;
@@ -23,7 +25,8 @@ struct PoseSensorConfig {
               {.about = "Standard deviation of the position along each axis.", .unit = "m", .limits = at_least(0)}),
         field("orientation_noise_std_deg", &C::orientation_noise_std_deg,
               {.about = "Standard deviation of each component of the rotation vector.", .unit = "deg", .limits = at_least(0)}),
-        field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency));
+        field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency),
+        field("jitter_s", &C::jitter_s, kSensorJitter), field("loss", &C::loss, kSensorLoss));
   }
 
   FLOCKSTEP_API void validate() const;

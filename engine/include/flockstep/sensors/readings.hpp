@@ -33,9 +33,7 @@ struct PoseReadings {
                              .writer = "pose sensor",
                              .about = "latest reading of the orientation, body to world"}),
                       array("sensed_age_s", &C::age_s,
-                            {.unit = "s",
-                             .writer = "pose sensor",
-                             .about = "age of the latest reading that has arrived; see `rate_hz` and `latency_s`"}));
+                            {.unit = "s", .writer = "pose sensor", .about = "age of the newest reading that has arrived"}));
   }
 };
 
@@ -53,12 +51,10 @@ struct LidarReadings {
                .unit = "m",
                .values = Values::range,
                .writer = "LiDAR",
-               .about = "inf on a miss; `RuntimeError` before the first scan"}),
+               .about = "inf on a miss. Raises `RuntimeError` before the first scan"}),
         array("max_range_m", &C::max_range_m, {.unit = "m", .writer = "set_lidar()", .about = "maximum range of each drone"}),
         array("ranges_age_s", &C::age_s,
-              {.unit = "s",
-               .writer = "LiDAR",
-               .about = "age of the latest reading that has arrived; see `rate_hz` and `latency_s`"}));
+              {.unit = "s", .writer = "LiDAR", .about = "age of the newest reading that has arrived"}));
   }
 };
 
@@ -73,6 +69,7 @@ struct CameraImages {
   std::vector<std::uint8_t> grey;
   std::vector<std::uint8_t> hsv;
   std::vector<std::int64_t> frame_step;
+  std::vector<float> age_s;
 
   static constexpr auto fields() {
     using C = CameraImages;
@@ -87,17 +84,17 @@ struct CameraImages {
                .writer = kWriter,
                .about = "inf if nothing is seen: sky, or beyond far_m"}),
         array("semantic", &C::semantic,
-              {.per = Per::pixel, .values = Values::any, .writer = kWriter, .about = "semantic id; 0 if nothing is seen"}),
+              {.per = Per::pixel, .values = Values::any, .writer = kWriter, .about = "semantic id, 0 if nothing is seen"}),
         array(
             "instance", &C::instance,
-            {.per = Per::pixel, .values = Values::any, .writer = kWriter, .about = "number of the object; 0 if nothing is seen"}),
+            {.per = Per::pixel, .values = Values::any, .writer = kWriter, .about = "number of the object, 0 if nothing is seen"}),
         array("normal", &C::normal,
               {.per = Per::pixel,
                .columns = 3,
                .unit = "1",
                .frame = Frame::world,
                .writer = kWriter,
-               .about = "surface normal, towards the camera; 0 if nothing is seen"}),
+               .about = "surface normal, towards the camera, 0 if nothing is seen"}),
         array("grey", &C::grey,
               {.per = Per::pixel, .values = Values::any, .writer = kWriter, .about = "luma of rgb (ITU-R BT.601), rounded"}),
         array("hsv", &C::hsv,
@@ -109,7 +106,8 @@ struct CameraImages {
         array("frame_step", &C::frame_step,
               {.values = Values::last_count,
                .writer = kWriter,
-               .about = "number of the image's reading, 0 at the reset; -1: stale"}));
+               .about = "number of the image's reading, 0 at the reset, -1 if stale"}),
+        array("frame_age_s", &C::age_s, {.unit = "s", .writer = kWriter, .about = "time since the image was taken"}));
   }
 };
 

@@ -30,7 +30,7 @@ struct DodgeConfig {
                 {"1", "distance to the goal, in units of 10 m, at most 1"},
                 {"2", "last action"},
                 {"one for each beam", "LiDAR ranges"},
-                {"one for each beam", "LiDAR ranges before the last step; at the start equal to the others"},
+                {"one for each beam", "LiDAR ranges before the last step, at the start equal to the others"},
             },
         .reward =
             {

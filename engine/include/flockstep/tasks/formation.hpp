@@ -44,9 +44,9 @@ struct FormationConfig {
   static TaskWords words() {
     return {
         .about =
-            "The leader is a point that flies along a smooth route; it touches nothing. Drone m has place m of "
+            "The leader is a point that flies along a smooth route and touches nothing. Drone m has place m of "
             "`formation_places`, which turns with the leader's heading, and so do the drones. On a planned path the shape "
-            "narrows to a column where there is no room. Each drone has a row, so all drones fly by one policy.",
+            "narrows to a column where there is no room. Each drone is an agent, and all fly by one policy.",
         .start =
             "At the beginning of the route, each drone up to ``jitter_m`` from its place along x and y, more if that is not "
             "free.",
@@ -62,12 +62,12 @@ struct FormationConfig {
                 {"3", "velocity of the last step, in units of u"},
                 {"7 for each of ``neighbors``",
                  "nearest drones, in order: relative position in units of ``sight_m``, at most 1 long (3), relative velocity in "
-                 "units of 2 u (3), and 1; zeros for missing drones"},
+                 "units of 2 u (3), and 1. Zeros for missing drones"},
                 {"one for each beam", "LiDAR ranges"},
             },
         .reward =
             {
-                {"place", "``place_weight`` exp(-d); d is the distance of the drone from its place, m"},
+                {"place", "``place_weight`` exp(-d), with d the distance of the drone from its place, m"},
                 {"crash", "-``crash_weight`` at a contact, and when d exceeds ``max_distance_m``"},
                 {"near", "-``near_weight`` max(0, 1 - (nearest range) / ``near_m``)"},
                 {"change", "-``change_weight`` times the mean squared difference from the last action, 0 at first"},
@@ -107,24 +107,22 @@ struct FormationConfig {
         field(
             "route", &C::route,
             {.about =
-                 "``\"loop\"``: a random closed way around the middle of the world. ``\"path\"``: a planned path from the start "
-                 "marker of the world over the waypoints to the goal; where the shape has no room, it narrows to a column."}),
+                 "``\"loop\"``: a random closed path around the middle of the world. ``\"path\"``: a planned path from the start "
+                 "marker of the world over the waypoints to the goal. Where the shape has no room, it narrows to a column."}),
         field("loop_radius_m", &C::loop_radius_m,
-              {.about = "Maximum distance of a loop's corners from the middle; the minimum is 0.6 times that.",
+              {.about = "Maximum distance of a loop's corners from the middle. The minimum is 0.6 times that.",
                .unit = "m",
                .limits = above_up_to(0, 1000)}),
         field("leader_speed_mps", &C::leader_speed_mps,
-              {.about = "Speed of the leader on straight parts; it is lower in curves.",
-               .unit = "m/s",
-               .limits = between(0, 1000)}),
+              {.about = "Speed of the leader on straight parts, lower in curves.", .unit = "m/s", .limits = between(0, 1000)}),
         field("step_m", &C::step_m, {.about = "Distance of a full action along an axis.", .unit = "m", .limits = above(0)}),
         field("jitter_m", &C::jitter_m,
-              {.about = "Maximum offset of a start from its place along x and y, drawn uniformly; more if this is not free.",
+              {.about = "Maximum offset of a start from its place along x and y, drawn uniformly, more if this is not free.",
                .unit = "m",
                .limits = between(0, 1000)}),
         field("neighbors", &C::neighbors, {.about = "Number of neighbours that are observed.", .limits = between(1, 32)}),
         field("sight_m", &C::sight_m,
-              {.about = "Unit of observed positions; only the direction of a farther neighbour is observed.",
+              {.about = "Unit of observed positions. Only the direction of a farther neighbour is observed.",
                .unit = "m",
                .limits = above(0)}),
         field("max_distance_m", &C::max_distance_m,

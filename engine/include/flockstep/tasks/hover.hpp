@@ -17,16 +17,17 @@ struct HoverConfig {
   static TaskWords words() {
     return {
         .about =
-            "The point is the world's goal marker, or the centre of its bounds. A world is refused if the drone would touch "
-            "something there. Any airframe with rotors and any ``control`` except ``\"pose\"`` can be used.",
+            "The point is the world's goal marker, or the centre of its bounds. A world in which the drone would touch something "
+            "there raises an error. Use any airframe with rotors and any ``control`` except ``\"pose\"``.",
         .start =
-            "Within ``start_offset_m`` of the point along each axis, with a random heading and rotors at hover speed. Tilted by "
-            "up to ``start_tilt_deg`` about a random horizontal axis, with a speed of up to ``start_speed_mps`` in a random "
-            "direction and a rate of up to ``start_rate_dps`` about each body axis, all uniform. A start that would touch "
-            "something is drawn again, up to 64 times, then it is at the point, level.",
+            "Within ``start_offset_m`` of the point along each axis, with a random heading and rotors at hover speed. Tilt about "
+            "a random horizontal axis, speed in a random direction and rates about each body axis are uniform, up to "
+            "``start_tilt_deg``, ``start_speed_mps`` and ``start_rate_dps``. After 64 starts that would touch something, the "
+            "drone starts at the point, level.",
         .action =
             "Four numbers, clipped to [-1, 1]. By default each is the thrust of a rotor: -1 the least, 0 hovering, 1 the "
-            "greatest. With another ``control``, 0 hovers or has no effect, and ±1 is the largest command.",
+            "greatest. With another ``control``, 0 hovers or has no effect, and ±1 is the largest command. An airframe with "
+            "more than four rotors has a number for each.",
         .observed =
             "All vectors are in the body frame, and nothing depends on the heading. The offset and the up vector come from the "
             "pose sensor, which is exact unless you give it noise.",
@@ -36,11 +37,11 @@ struct HoverConfig {
                 {"3", "velocity, m/s"},
                 {"3", "the world's up vector"},
                 {"3", "angular velocity, in units of 10 rad/s"},
-                {"4", "speed of each rotor: -1 slowest, 0 hovering, 1 fastest"},
+                {"4", "speed of each rotor, 4 of a quadrotor: -1 slowest, 0 hovering, 1 fastest"},
             },
         .reward =
             {
-                {"near", "``near_weight`` exp(-2 d); d is the distance to the point, m"},
+                {"near", "``near_weight`` exp(-2 d), with d the distance to the point, m"},
                 {"hold", "``hold_weight`` / (1 + (d / (2 ``hold_m``))^2)"},
                 {"speed", "-``speed_weight`` times the speed, m/s"},
                 {"spin", "-``spin_weight`` times the magnitude of the angular velocity, in units of 10 rad/s"},

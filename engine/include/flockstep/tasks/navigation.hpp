@@ -61,7 +61,7 @@ struct NavigationReward {
         field("step_weight", &C::step_weight, {.about = "Weight of ``step``."}),
         field("action_change_weight", &C::action_change_weight, {.about = "Weight of ``action_change``."}),
         field("overshoot_weight", &C::overshoot_weight,
-              {.about = "Weight of ``overshoot``; if it is not 0, passing the goal ends the episode."}),
+              {.about = "Weight of ``overshoot``. If it is not 0, passing the goal ends the episode."}),
         field("goal_reward", &C::goal_reward, {.about = "R."}),
         field("waypoint_share", &C::waypoint_share, {.about = "Share of R that is split among the waypoints."}),
         field("goal_radius_m", &C::goal_radius_m,
@@ -83,9 +83,9 @@ struct NavigationConfig {
   static TaskWords words() {
     return {
         .about =
-            "The thesis's task: a drone with a LiDAR flies from the start marker over the waypoints to the goal. The camera "
-            "tasks observe the green of the goal in an image (``observation=\"blob\"``) or the image itself (``\"pixels\"``) "
-            "instead of the direction.",
+            "A drone with a LiDAR flies from the start marker over the waypoints to the goal. Instead of the direction, the "
+            "camera tasks observe the green of the goal in an image (``observation=\"blob\"``) or the image itself "
+            "(``\"pixels\"``).",
         .start = "At the world's start marker, or anywhere in its spawn box with ``random_start=True``.",
         .action = "``action`` chooses: one of six directions, one of three, or a displacement.",
         .observed =
@@ -103,13 +103,12 @@ struct NavigationConfig {
         .reward =
             {
                 {"distance",
-                 "R = ``goal_reward`` of ``reward`` at the final goal; R * ``waypoint_share`` / number of waypoints at a "
-                 "waypoint; otherwise centimetres gained towards the current goal"},
+                 "at the final goal R = ``goal_reward`` of ``reward``. At a waypoint R * ``waypoint_share`` / number of "
+                 "waypoints. In all other steps the centimetres gained towards the current goal"},
                 {"crash",
-                 "-R on a collision; otherwise min(l) - M if min(l) < M, with the ranges l and M = ``min_clearance``; otherwise "
-                 "0"},
+                 "-R on a collision. In all other steps min(0, min(l) - M), with the ranges l and M = ``min_clearance``"},
                 {"free_space", "sum(l / M - 1) / (|L| / M - |L|) for |L| ranges, which is 1 in the open"},
-                {"step", "-(step number) / ``step_scale``; the first step has number 0"},
+                {"step", "-(step number) / ``step_scale``, with 0 as the first number"},
                 {"action_change", "-1 if the action changes, as the first one does"},
                 {"overshoot", "-R / 10 when x exceeds the current goal's x + ``goal_radius_m``"},
             },
@@ -140,7 +139,7 @@ struct NavigationConfig {
         field("observation", &C::observation,
               {.about = "Values before the LiDAR ranges, which are divided by the maximum range and 1 on a miss. ``\"goal\"``: "
                         "unit direction (3,) to the current goal, body frame, by the pose sensor. ``\"blob\"``: ``offset`` and "
-                        "``area`` of the `color_blob` of ``color`` in the first camera's image. ``\"pixels\"``: none; the first "
+                        "``area`` of the `color_blob` of ``color`` in the first camera's image. ``\"pixels\"``: none. The first "
                         "camera's image, of layout ``\"chw\"``, is a separate field."}),
         field("goal_norm", &C::goal_norm,
               {.about = "Norm that is 1 in the direction to the goal. ``\"maximum\"``: its largest component is +-1, as in the "
@@ -151,8 +150,7 @@ struct NavigationConfig {
         field("reward", &C::reward, {.about = "The terms of the reward."}),
         field("random_start", &C::random_start,
               {.about = "Start anywhere in the world's spawn box instead of at its start marker."}),
-        field("color", &C::color,
-              {.about = "Colour of ``observation=\"blob\"``, and of no other one; by default the goal's green."}));
+        field("color", &C::color, {.about = "Colour of ``observation=\"blob\"``, by default the goal's green."}));
   }
 
   // Returns the thesis's task with this observation. Camera tasks use `discrete_forward` and end when x passes the goal.

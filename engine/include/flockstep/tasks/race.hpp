@@ -25,22 +25,22 @@ struct RaceConfig {
   static TaskWords words() {
     return {
         .about =
-            "The gates are `World.gates` in their order, and ``control`` is ``\"body_rates\"``. A gate is passed where the "
-            "drone's path through the ticks of a step crosses the gate's plane forwards within the opening. It is missed where "
-            "the path crosses the plane outside the opening but within ``miss_m`` of the centre. The cap v on the rewarded speed "
-            "is a curriculum of each env: after an episode it rises by ``cap_rise_mps`` if at least ``cap_success`` of the env's "
-            "last ``cap_episodes`` episodes were clean. An episode is clean if it succeeds, or reaches its time limit after at "
-            "least half a lap. ``batch.task_state`` holds ``target``, ``passed`` and ``speed_cap``.",
+            "The gates are `World.gates` in their order, and ``control`` is ``\"body_rates\"``. A drone passes a gate if its "
+            "path crosses the gate's plane forwards within the opening, and misses it if the path crosses the plane outside the "
+            "opening but within ``miss_m`` of the centre. The cap v on the rewarded speed is a curriculum of each env: it rises "
+            "by ``cap_rise_mps`` if at least ``cap_success`` of the last ``cap_episodes`` episodes were clean. An episode is "
+            "clean if it succeeds, or reaches its time limit after at least half a lap. ``batch.task_state`` holds ``target``, "
+            "``passed`` and ``speed_cap``.",
         .start =
-            "Behind a random gate, at rest (``start=\"gate\"``). With ``\"between\"`` half of the drones start there, the others "
-            "anywhere in the first nine tenths of the path to the next gate, at up to ``start_speed_mps`` along each axis. "
-            "Offset, yaw, roll and pitch are drawn up to ``start_offset_m``, ``start_yaw_deg`` and ``start_tilt_deg``, at least "
-            "0.3 m behind the gate's plane, again if the start would touch something. The next gate is the first to pass.",
+            "With ``start=\"gate\"``, behind a random gate, at rest. With ``\"between\"``, half of the drones start there, the "
+            "others on the first nine tenths of the path to the next gate, at up to ``start_speed_mps`` along each axis. Offset, "
+            "yaw, roll and pitch are drawn up to ``start_offset_m``, ``start_yaw_deg`` and ``start_tilt_deg``, at least 0.3 m "
+            "behind the gate's plane. The next gate is the first to pass.",
         .action =
             "Four numbers, clipped to [-1, 1]: thrust, from the least that the rotors give to ``max_thrust_to_weight`` times the "
             "weight, and body rates about x, y and z, up to the ``max_rate_dps`` and ``max_yaw_rate_dps`` of `DynamicsConfig`. 0 "
             "hovers.",
-        .observed = "All vectors are in the body frame; k is ``observation_scale``.",
+        .observed = "All vectors are in the body frame. k is ``observation_scale``.",
         .observation =
             {
                 {"6 for each of ``gates_ahead``",

@@ -17,8 +17,8 @@ struct SwapConfig {
   static TaskWords words() {
     return {
         .about =
-            "Each drone has a row, so all drones fly by one policy. 2 to 32 drones fit into the default world. The goal of drone "
-            "m of M is the place of drone (m + M // 2) % M; one drone alone flies to the opposite place. The drones move in the "
+            "Each drone is an agent, and all fly by one policy. 2 to 32 drones fit into the default world. The goal of drone "
+            "m of M is the place of drone (m + M // 2) % M. One drone alone flies to the opposite place. The drones move in the "
             "plane.",
         .start =
             "On a circle around the middle of the world's bounds, at the height of its start marker, facing the goals. The "
@@ -27,7 +27,7 @@ struct SwapConfig {
         .action = "Two numbers, clipped to [-1, 1]: the displacement along the body's x and y, in units of ``step_m``.",
         .observed =
             "All vectors are x and y of the body frame. The unit of velocities, u, is the longest displacement: sqrt(2) "
-            "``step_m`` per step. Poses come from the pose sensor; velocities are exact.",
+            "``step_m`` per step. Poses come from the pose sensor. Velocities are exact.",
         .observation =
             {
                 {"2", "unit direction to the goal"},
@@ -36,7 +36,7 @@ struct SwapConfig {
                 {"2", "velocity of the last step, in units of u"},
                 {"5 for each of ``neighbors``",
                  "nearest drones, in order: relative position in units of ``sight_m``, at most 1 long (2), relative velocity in "
-                 "units of 2 u (2), and 1; zeros for missing drones"},
+                 "units of 2 u (2), and 1. Zeros for missing drones"},
             },
         .reward =
             {
@@ -47,8 +47,8 @@ struct SwapConfig {
                 {"time", "-``time_weight`` in each step after which the drone is not at its goal"},
             },
         .end =
-            "The episode ends as a success for all drones when all are within ``goal_radius_m`` of their goals at once. It ends "
-            "when a drone touches another drone or the world: for this drone by a contact, for the others because of a teammate. "
+            "The episode ends as a success when all drones are within ``goal_radius_m`` of their goals at once. If a drone "
+            "touches another drone or the world, its episode ends by a contact, and the others end because of a teammate. "
             "With ``episodes=\"last\"`` the others fly on, and succeed when all of them are at their goals.",
         .overlay = "goals",
     };
@@ -74,7 +74,7 @@ struct SwapConfig {
         field("step_m", &C::step_m, {.about = "Distance of a full action.", .unit = "m", .limits = above(0)}),
         field("radius_m", &C::radius_m, {.about = "Minimum radius of the circle.", .unit = "m", .limits = above_up_to(0, 1000)}),
         field("spacing_m", &C::spacing_m,
-              {.about = "Minimum distance between neighbouring places, along the circle; with many drones the circle grows.",
+              {.about = "Minimum distance between neighbouring places, along the circle. With many drones the circle grows.",
                .unit = "m",
                .limits = above_up_to(0, 1000)}),
         field("jitter_m", &C::jitter_m,
@@ -85,7 +85,7 @@ struct SwapConfig {
               {.about = "Distance within which a drone counts as at its goal.", .unit = "m", .limits = above(0)}),
         field("neighbors", &C::neighbors, {.about = "Number of neighbours that are observed.", .limits = between(1, 32)}),
         field("sight_m", &C::sight_m,
-              {.about = "Unit of observed positions; only the direction of a farther neighbour is observed.",
+              {.about = "Unit of observed positions. Only the direction of a farther neighbour is observed.",
                .unit = "m",
                .limits = above(0)}),
         field("near_m", &C::near_m,

@@ -32,18 +32,18 @@ struct TrackConfig {
   static TaskWords words() {
     return {
         .about =
-            "The path is a figure-8 or random, around the world's goal marker, or around the centre of its bounds. It must stay "
-            "in the room, and a figure-8 must touch nothing, or the world raises an error. Use any airframe with rotors and any "
+            "The path is a figure-8 or random, around the world's goal marker or the centre of its bounds. A world raises an "
+            "error if the path leaves the room or a figure-8 touches something. Use any airframe with rotors and any "
             "``control`` except ``\"pose\"``. ``batch.task_state[\"phase\"]`` (N, 9) holds the drawn phases: three waves along "
-            "x, then y, then z, in turns; a figure-8 uses only the first.",
+            "x, then y, then z, in turns. A figure-8 uses only the first phase.",
         .start =
             "At a random point of the path, offset by up to ``start_offset_m`` along each axis, level, with the path's velocity "
             "and yaw, and with rotors at hover speed.",
         .action =
-            "Four numbers, clipped to [-1, 1]: a command of ``control``; see `Terms.command`. 0 hovers or has no "
+            "Four numbers, clipped to [-1, 1]: a command of ``control`` (`Terms.command`). 0 hovers or has no "
             "effect, and ±1 is the largest command.",
         .observed =
-            "All vectors are in the body frame. Offsets and directions come from the pose sensor; velocities and rotor speeds "
+            "All vectors are in the body frame. Offsets and directions come from the pose sensor. Velocities and rotor speeds "
             "are exact.",
         .observation =
             {
@@ -52,12 +52,12 @@ struct TrackConfig {
                 {"3", "velocity, m/s"},
                 {"3", "the world's up vector"},
                 {"3", "angular velocity, in units of 10 rad/s"},
-                {"4", "speed of each rotor: -1 slowest, 0 hovering, 1 fastest"},
+                {"4", "speed of each rotor, 4 of a quadrotor: -1 slowest, 0 hovering, 1 fastest"},
                 {"2", "sine and cosine of the yaw error"},
             },
         .reward =
             {
-                {"near", "``near_weight`` exp(-2 d); d is the distance to the current point, m"},
+                {"near", "``near_weight`` exp(-2 d), with d the distance to the current point, m"},
                 {"close", "``close_weight`` / (1 + (d / ``close_m``)^2)"},
                 {"yaw", "-``yaw_weight`` times the yaw error, rad"},
                 {"spin", "-``spin_weight`` times the magnitude of the angular velocity, in units of 10 rad/s"},
@@ -98,7 +98,7 @@ struct TrackConfig {
         field("yaw", &C::yaw, {.about = "``\"fixed\"``: along the world's x axis. ``\"along\"``: the direction of the path."}),
         field("size_m", &C::size_m, {.about = "Size of the path.", .unit = "m", .limits = above_up_to(0, 1000)}),
         field("speed_mps", &C::speed_mps,
-              {.about = "Speed of the path: for a figure-8, the mean of a lap; for random paths, the root mean square.",
+              {.about = "Speed along the path: the mean over a lap of a figure-8, the root mean square of a random path.",
                .unit = "m/s",
                .limits = above_up_to(0, 1000)}),
         field("start_offset_m", &C::start_offset_m,

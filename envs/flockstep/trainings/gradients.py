@@ -1,0 +1,63 @@
+"""Trainings by `flockstep.APG`, each beside the one by `flockstep.PPO` with the same flights to judge it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from flockstep._core import HoverConfig
+from flockstep.trainings import varied
+from flockstep.trainings.training import Keywords, Training
+from flockstep.variations import vary
+
+POINT: Keywords = {"learning_rate": 1e-2, "policy_kwargs": {"features_extractor_class": "PointFeatures"}}
+RACE: Keywords = {"learning_rate": 1e-2, "horizon": 60, "ticks": 2, "max_grad_norm": 0.3}
+
+
+def by_gradients(row: Training, steps: int, settings: Keywords, label: str, **learns: object) -> Training:
+    """Return a row that trains by `APG` in the environments of another row, apart from these keywords."""
+    return replace(
+        row,
+        learner="APG",
+        num_envs=32,
+        steps=steps,
+        settings=settings,
+        learns=lambda: {**row.learns(), **learns},
+        falls=False,
+        bench=("gradients", label, 5),
+    )
+
+
+def frame_row(row: Training, drone: str) -> Training:
+    """Return a row for another airframe."""
+    settings = {**POINT, "learning_rate": 3e-3, "ticks": 2}
+    made = by_gradients(row, 614_400, settings, f"frame_{drone}", drone=drone)
+    return replace(made, judged=lambda flights, seed: {"": {"drone": drone}})
+
+
+def _thrown(flights: int, seed: int) -> Mapping[str, Keywords]:
+    kinds = varied.TRAININGS["hover_varied"].judged(flights, seed).items()
+    return {
+        kind: {name: value for name, value in keywords.items() if name != "observed"}
+        for kind, keywords in kinds
+        if not kind.startswith("late")
+    }
+
+
+def frames_row() -> Training:
+    """Return a row that holds all airframes and random ones by body rates, without a memory."""
+    several = varied.TRAININGS["hover_varied"]
+    kept = {name: figure for name, figure in several.figures.items() if not name.startswith("late")}
+    made = by_gradients(several, 2_000_000, {"learning_rate": 3e-3, "ticks": 2}, "frames")
+    learns: Keywords = {
+        "task": HoverConfig(start_tilt_deg=110.0, start_speed_mps=2.5),
+        "control": "body_rates",
+        "variations": vary(mass_scale=(0.95, 1.05)),
+    }
+    return replace(
+        made,
+        num_envs=64,
+        learns=lambda: {**learns, "airframes": varied.many_frames()},
+        judged=_thrown,
+        figures=kept,
+    )
