@@ -139,7 +139,7 @@ class Comparison {
     state_.parameters.battery.resize(kLanes);
     const std::vector<Variation> variations = differ ? all_that_differs() : std::vector<Variation>();
     const ClockConfig clock{.policy_hz = 50.0F, .physics_hz = 500.0F, .controller_hz = 500.0F};
-    fleet_ = std::make_unique<Fleet>(airframes_, rows, config, clock, 1, Variations(variations, airframes_.size(), clock));
+    fleet_ = std::make_unique<Fleet>(airframes_, rows, config, clock, 1, Variations(variations, airframes_, clock));
     std::ranges::fill(fleet_->thrust_share, 0.9F);
     for (const DroneIndex drone : drones_) fleet_->begin_parameters(state_, drone);
   }
@@ -291,7 +291,8 @@ TEST(StepGradient, RefusesWhatHasNoDerivative) {
   DynamicsConfig config{.motion = Motion::rotors, .control = Control::position};
   EXPECT_REFUSED(dynamics::StepGradient(dynamics::Fleet(frame, row, config, clock, 1), 1), "control: ... have derivatives");
   config.control = Control::body_rates;
-  const dynamics::Variations late(std::vector<Variation>{{.parameter = "action_delay_s", .low = 0.0F, .high = 0.1F}}, 1, clock);
+  const dynamics::Variations late(std::vector<Variation>{{.parameter = "action_delay_s", .low = 0.0F, .high = 0.1F}}, frame,
+                                  clock);
   EXPECT_REFUSED(dynamics::StepGradient(dynamics::Fleet(frame, row, config, clock, 1, late), 1), "variations: ... late");
 }
 

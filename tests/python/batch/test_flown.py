@@ -150,6 +150,12 @@ class TestPullback:
         with refused(ValueError, "variations", "action_delay_s"):
             late = [flockstep.Variation(parameter="action_delay_s", low=0.0, high=0.1)]
             batch_of(variations=late).pullback(flown, command, flown)
+        six = flockstep.Batch(
+            HALL, 1, drone="f550", dynamics=flockstep.DynamicsConfig(motion="rotors", control="body_rates")
+        )
+        for call in (lambda: six.flown, lambda: six.pullback(flown, command, flown)):
+            with refused(ValueError, "drone", "6 rotors"):
+                call()
         kinematic = flockstep.Batch(HALL, 1)
         with refused(RuntimeError, "pullback"):
             kinematic.pullback(flown, command, flown)
