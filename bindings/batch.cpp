@@ -220,6 +220,7 @@ void register_batch(py::module_& module) {
   add_arrays<PoseReadings, &poses_arrays>(cls);
   add_sensors(cls);
   add_task(cls);
+  add_gradient(cls);
   add_arrays<MoveLineState, &move_line_arrays>(cls);
   cls.def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("task") = none,
           py::arg("drone") = none, py::arg("world_index") = none)

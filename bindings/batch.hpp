@@ -29,6 +29,7 @@ void add_cameras(pybind11::module_& module, BatchClass& cls);
 void add_lidars(pybind11::module_& module, BatchClass& cls);
 // Adds the configurations of all sensors, and the arrays of those that have no class of their own.
 void add_sensors(BatchClass& cls);
+void add_gradient(BatchClass& cls);
 void add_task(BatchClass& cls);
 void add_terms(pybind11::module_& module, BatchClass& cls);
 

@@ -716,6 +716,16 @@ class World:
         - ``origin`` and ``cell_m``: as in `occupancy`.
         """
 
+    def nearest(self, points: npt.ArrayLike) -> tuple[_F32, _F32, npt.NDArray[np.int32]]:
+        """Return the nearest surface that drones hit, for each of K points (K, 3) m.
+
+        Returns
+        -------
+        - points (K, 3): {survey.hpp: m, world frame; the point itself ... room}.
+        - distances (K,), m.
+        - objects (K,): numbers as in `objects`.
+        """
+
     def with_markers(
         self,
         *,
@@ -1725,6 +1735,31 @@ class Batch:
             A yaw of more than two turns, which may be in degrees, gives a `RuntimeWarning` once.
         RuntimeError
             The motion is kinematic; or ``control`` is None and the batch was made with ``control="pose"``.
+        """
+
+    @property
+    def flown(self) -> _F32:
+        """A copy of what a flight changes, (N, 24): {batch.hpp: position, velocity ... rotor speeds}.
+
+        Setting it {batch.hpp: Puts drones whose ... check}.
+        """
+
+    @flown.setter
+    def flown(self, rows: npt.ArrayLike) -> None: ...
+    def pullback(
+        self, before: npt.ArrayLike, command: npt.ArrayLike, d_after: npt.ArrayLike, ticks: int = 1
+    ) -> tuple[_F32, _F32]:
+        """Return the derivatives of a number by the state before ``fly(command)`` and by the command.
+
+        ``d_after`` (N, 24) are its derivatives by the state after the step; states are rows like `flown`. {batch.hpp:
+        The equations of flight are differentiated ... no part}. `flockstep.torch.fly` calls it in a backward pass.
+
+        Raises
+        ------
+        ValueError
+            {batch.hpp: the control, or a late command, has no derivative}; a number is not finite.
+        RuntimeError
+            The motion is kinematic.
         """
 
     def sense(self, mask: npt.ArrayLike | None = None) -> None:

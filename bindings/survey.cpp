@@ -100,6 +100,13 @@ py::dict distances(const World& world, float cell_m, const py::object& box) {
   return result;
 }
 
+py::tuple nearest_surfaces(const World& world, const py::object& points) {
+  const Input<float> rows_given = floats(points, "points", {-1, 3});
+  if (!rows_given.given()) throw py::value_error("points: expected an array (K, 3), got None");
+  const NearestSurfaces found = released([&] { return nearest(world, rows_given); });
+  return py::make_tuple(rows(found.points), array_of(found.distance_m), array_of(found.objects));
+}
+
 std::shared_ptr<World> with_markers(const World& world, const py::object& start, const py::object& goal,
                                     const py::object& waypoints, const py::object& spawn_box) {
   Markers markers{.radius = world.markers().radius,
@@ -187,6 +194,7 @@ void register_survey(py::module_& module) {
       .def("point_cloud", &cloud, py::arg("spacing_m"))
       .def("occupancy", &occupied_cells, py::arg("cell_m"), py::arg("box") = none)
       .def("distance", &distances, py::arg("cell_m"), py::arg("box") = none)
+      .def("nearest", &nearest_surfaces, py::arg("points"))
       .def("with_markers", &with_markers, py::kw_only(), py::arg("start") = none, py::arg("goal") = none,
            py::arg("waypoints") = none, py::arg("spawn_box") = none)
       .def("free_places", &places, py::arg("count"), py::arg("seed") = 0, py::kw_only(), py::arg("clearance_m") = none,

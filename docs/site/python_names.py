@@ -39,6 +39,7 @@ PUBLIC = (
     "flockstep.scenes",
     "flockstep.testing",
     "flockstep.thesis",
+    "flockstep.torch",
 )
 
 

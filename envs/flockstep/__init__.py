@@ -6,9 +6,9 @@
 `World`, `Batch`, `LidarConfig` and similar classes are the native simulator. `DroneVectorEnv` wraps it as a Gymnasium
 environment, and `Task` is the base class for your own tasks. `flockstep.sb3` connects to Stable-Baselines3,
 `flockstep.rllib` to Ray RLlib, ``parallel_env`` to PettingZoo, and `flockstep.testing` checks any Gymnasium vector
-environment. `PPO` trains a policy, with the settings of `presets` if you like, and `flockstep.policies` has trained
-ones. `evaluate` and `success_rates` test a policy, `record` films a flight. `render` takes a picture of a world.
-`connect` connects to a server.
+environment. `flockstep.torch` differentiates flights. `PPO` trains a policy, with the settings of `presets` if you
+like, and `flockstep.policies` has trained ones. `evaluate` and `success_rates` test a policy, `record` films a
+flight. `render` takes a picture of a world. `connect` connects to a server.
 """
 
 # ruff: noqa: E402 # the check for required packages comes before the imports that need them
@@ -163,6 +163,7 @@ __all__ = [
     "success_rates",
     "testing",
     "thesis",
+    "torch",
     "variations",
     "vary",
 ]
@@ -171,18 +172,18 @@ registration.register()
 register_task = registration.register_task
 
 if _TYPE_CHECKING:
-    from flockstep import client, rllib, sb3, testing, thesis
+    from flockstep import client, rllib, sb3, testing, thesis, torch
     from flockstep.client import connect, connect_async
     from flockstep.multi_agent import parallel_env
     from flockstep.trainings.presets import presets
 else:
 
     def __getattr__(name: str) -> object:
-        # Imported on first use: client, parallel_env, rllib and sb3 need optional packages; only tests need testing,
-        # and only trainings need presets and thesis.
+        # Imported on first use: client, parallel_env, rllib, sb3 and torch need optional packages; only tests need
+        # testing, and only trainings need presets and thesis.
         import importlib
 
-        if name in ("client", "rllib", "sb3", "testing", "thesis"):
+        if name in ("client", "rllib", "sb3", "testing", "thesis", "torch"):
             return importlib.import_module(f"flockstep.{name}")
         if name in ("connect", "connect_async"):
             return getattr(importlib.import_module("flockstep.client"), name)

@@ -86,6 +86,8 @@ class ServedBatch;
 class CallLock;
 struct Simulation;
 
+inline constexpr std::size_t kFlownNumbers = 24;  // of a drone's state that a flight changes, see Batch::flown()
+
 // Work that Embree's triangle trees did for LiDARs and cameras, shadows included.
 struct EmbreeCounts {
   std::int64_t rays = 0;     // number of rays
@@ -158,6 +160,17 @@ class FLOCKSTEP_API Batch {
   // this command, by default config().dynamics.control; not Control::pose. Rotor motion only; use move() for kinematic motion.
   void fly(std::span<const float> command, int ticks = 0, DroneMask mask = {}, std::optional<Control> control = {});
   void require_command(std::span<const float> command, std::optional<Control> control = {}) const;  // as fly() checks it
+  // Quadrotors only: what a flight changes, (N, kFlownNumbers): position, velocity, quaternion wxyz, angular velocity, integral
+  // of the velocity error, rotor speeds, last commanded rotor speeds, in the units of state().
+  void flown(std::span<float> out) const;
+  // Puts drones whose row differs into this state, without a collision check.
+  void set_flown(std::span<const float> rows);
+  // Derivatives of a number by the state before fly(command) and by the command, from those by the state after it. All but the
+  // command, (N, 4), are (N, kFlownNumbers). The equations of flight are differentiated at these states, over `ticks` long
+  // midpoint ticks; wind, batteries and parameters are those of the moment, and contacts have no part. Rows of removed drones
+  // are 0. Throws std::invalid_argument if the control, or a late command, has no derivative.
+  void pullback(std::span<const float> before, std::span<const float> command, std::span<const float> d_after, int ticks,
+                std::span<float> d_before, std::span<float> d_command) const;
   void sense(DroneMask mask = {});  // reads the sensors now; cameras as their capture mode requires
 
   // --- slots

@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "flockstep/export.hpp"
@@ -63,5 +64,15 @@ struct DistanceGrid {
 };
 // Returns the distance of each cell of a box to the nearest surface.
 FLOCKSTEP_API DistanceGrid distance(const World& world, float cell_m, const std::optional<Aabb>& box = {});
+
+// The surface points that are nearest to K points.
+struct NearestSurfaces {
+  std::vector<Vec3> points;           // (K,) m, world frame; the point itself inside a solid and outside the room
+  std::vector<float> distance_m;      // (K,) m to it
+  std::vector<std::int32_t> objects;  // (K,) number of the object
+};
+// Returns the nearest surfaces that drones hit. points (K, 3) m. The distances are exact up to rounding. Throws
+// std::invalid_argument if a point is outside the world (kMaxCoordinate).
+FLOCKSTEP_API NearestSurfaces nearest(const World& world, std::span<const float> points);
 
 }  // namespace flockstep

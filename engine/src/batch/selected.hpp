@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "base/indices.hpp"
 #include "batch/simulation.hpp"
 
 namespace flockstep {
@@ -44,7 +45,9 @@ void for_each_env(const Simulation& sim, std::span<const DroneIndex> drones, con
 }
 
 // An env is active if one of its drones is.
-bool is_active(const Simulation& sim, EnvIndex env);
+inline bool is_active(const Simulation& sim, EnvIndex env) {
+  return is_any(sim.state.active.data() + sim.drone_of(env, 0), sim.drones_per_env());
+}
 
 // Calls f(env) for each selected active env, on the calling thread.
 template <class F>
@@ -55,11 +58,33 @@ void for_each_selected(const Simulation& sim, EnvMask mask, const F& f) {
 }
 
 // Fills a list of each block with the envs that are selected or have a selected drone.
-void list_selected(Simulation& sim, EnvMask mask, EnvList Block::* list);
-void list_selected(Simulation& sim, DroneMask mask, EnvList Block::* list);
+inline void list_selected(Simulation& sim, EnvMask mask, EnvList Block::* list) {
+  for (Block& block : sim.schedule.blocks()) {
+    (block.*list).assign(block.envs);
+    if (!mask.empty()) (block.*list).filter([&](EnvIndex env) { return mask.selects(env); });
+  }
+}
+
+inline void list_selected(Simulation& sim, DroneMask mask, EnvList Block::* list) {
+  for (Block& block : sim.schedule.blocks()) {
+    (block.*list).assign(block.envs);
+    if (mask.empty()) continue;
+    (block.*list).filter([&](EnvIndex env) {
+      bool any = false;
+      for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
+        any |= is_selected(sim, mask, sim.drone_of(env, member));
+      }
+      return any;
+    });
+  }
+}
 
 // The selected drones of some envs that take part, env by env; valid until the next call with this scratch.
-std::span<const DroneIndex> selected_drones(const Simulation& sim, std::span<const EnvIndex> envs, Part part, DroneMask mask,
-                                            Scratch& scratch);
+inline std::span<const DroneIndex> selected_drones(const Simulation& sim, std::span<const EnvIndex> envs, Part part,
+                                                   DroneMask mask, Scratch& scratch) {
+  sim.drones_of(envs, part, scratch.drones);
+  if (!mask.empty()) std::erase_if(scratch.drones, [&](DroneIndex drone) { return !mask.selects(drone); });
+  return scratch.drones;
+}
 
 }  // namespace flockstep

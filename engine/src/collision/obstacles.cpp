@@ -55,24 +55,38 @@ bool Obstacles::touches(const Vec3& point, float reach) const {
   return touched;
 }
 
-float Obstacles::distance(const Vec3& point, float most) const {
+NearestPoint Obstacles::nearest(const Vec3& point, float most) const {
   struct Search {
+    void take(double distance, const Vec3d& at, std::uint32_t number) {
+      if (!(distance < least)) return;
+      least = distance;
+      nearest = at;
+      element = number;
+    }
+
     const Obstacles& obstacles;
     Vec3d point;
     double least;
+    Vec3d nearest = Vec3d::Constant(std::numeric_limits<double>::quiet_NaN());
+    std::uint32_t element = NearestPoint::kNone;
   } search{*this, point.cast<double>(), static_cast<double>(most)};
   for (const RoomInterior& room : rooms_) {
     const Vec3d low = search.point - room.inside.min.cast<double>();
     const Vec3d high = room.inside.max.cast<double>() - search.point;
-    search.least = std::clamp(low.cwiseMin(high).minCoeff(), 0.0, search.least);
+    Eigen::Index axis = 0;
+    const double wall = low.cwiseMin(high).minCoeff(&axis);
+    Vec3d at = search.point;
+    if (wall > 0.0) at[axis] = static_cast<double>((low[axis] < high[axis] ? room.inside.min : room.inside.max)[axis]);
+    search.take(std::max(wall, 0.0), at, room.element);
   }
   const auto test = [](void* context, std::uint32_t element) {
     auto& s = *static_cast<Search*>(context);
-    s.least = std::min(s.least, (closest_point(s.obstacles.convex(element), s.point) - s.point).norm());
+    const Vec3d at = closest_point(s.obstacles.convex(element), s.point);
+    s.take((at - s.point).norm(), at, element);
     return std::nextafter(static_cast<float>(s.least), std::numeric_limits<float>::max());
   };
   scene_->for_each_near(point, static_cast<float>(search.least), test, &search);
-  return static_cast<float>(search.least);
+  return {search.nearest.cast<float>(), static_cast<float>(search.least), search.element};
 }
 
 }  // namespace flockstep::collision

@@ -20,6 +20,15 @@ struct RoomInterior {
   Aabb inside;  // m
 };
 
+// The point of an obstacle that is nearest to another point.
+struct NearestPoint {
+  static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+
+  Vec3 point = Vec3::Constant(std::numeric_limits<float>::quiet_NaN());
+  float distance = 0.0F;          // m
+  std::uint32_t element = kNone;  // see Obstacles::convex(); also of a room
+};
+
 class Obstacles {
  public:
   // The world and its scene must outlive the obstacles.
@@ -44,9 +53,10 @@ class Obstacles {
     scene_->prefetch_parts();
   }
 
-  // Returns the distance (m) from the point to the nearest solid, triangle or wall. It is 0 inside a solid or outside a room,
-  // and at most `most`.
-  float distance(const Vec3& point, float most) const;
+  // Returns the nearest point of a solid, triangle or wall; the point itself inside a solid or outside a room. If none is nearer
+  // than `most` (m), that is the distance, without an element.
+  NearestPoint nearest(const Vec3& point, float most) const;
+  float distance(const Vec3& point, float most) const { return nearest(point, most).distance; }
 
   // Calls visit(element), in any order, for each element except rooms whose bounding box is within radius (m) of center, and
   // possibly for some others.

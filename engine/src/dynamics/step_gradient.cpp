@@ -24,6 +24,12 @@ void pull_back_lanes(const StepGradient& gradient, Control command_of, const Ste
     for (std::size_t i = 0; i < 4; ++i) given[i] = R::input(load(command[i], lane), tape);
     for (R& number : set) number = R(0.0F);
     set_from_command(command_of, gradient.physics, numbers, At{lane}, given, set);
+    // Speeds beyond a rotor's range are cut off; rounding of a thrust at its end does not take it out of the range.
+    constexpr float kBeyond = 1e-5F;
+    for (std::size_t i = 0; gradient.physics.stage == Stage::rotors && i < kRotors; ++i) {
+      const F least = load(numbers.min_speed, lane) * (1.0F - kBeyond), most = load(numbers.max_speed, lane) * (1.0F + kBeyond);
+      set[i] = max(min(set[i], most), least);
+    }
     Flown<R> after = flown_after(gradient, start, numbers, lane, set, before);
     tape.begin();
     for_each_number(after, [&](R& number, std::size_t i) HWY_ATTR { tape.add_derivative(number.id, load(d_flown[i], lane)); });
@@ -67,21 +73,12 @@ StepGradient::StepGradient(const Fleet& fleet, int ticks_of_step)
 }
 
 void StepGradient::read(const State& state, const LaneDrones& drones, FlownLanes& flown) {
-  const FlightState& f = state.flight;
-  struct Part {
-    const std::vector<float>& array;
-    std::size_t columns;
-  };
-  const Part parts[] = {{state.position, 3},   {f.velocity, 3},          {state.quat_wxyz, 4},      {f.angular_velocity, 3},
-                        {f.error_integral, 3}, {f.rotor_speed, kRotors}, {f.rotor_command, kRotors}};
-  std::size_t first = 0;
-  for (const Part& part : parts) {
+  for_each_flown(state, [&](const std::vector<float>& array, std::size_t first, std::size_t columns) {
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      const float* const row = part.array.data() + part.columns * drones[lane];
-      for (std::size_t k = 0; k < part.columns; ++k) flown[first + k][lane] = row[k];
+      const float* const row = array.data() + columns * drones[lane];
+      for (std::size_t k = 0; k < columns; ++k) flown[first + k][lane] = row[k];
     }
-    first += part.columns;
-  }
+  });
 }
 
 void StepGradient::read(const State& state, const LaneDrones& drones, StepStart& start) const {

@@ -23,6 +23,23 @@ inline constexpr std::size_t kRotors = 4;  // only the flight of quadrotors has 
 inline constexpr std::size_t kFlownRotor = 16, kFlown = kFlownRotor + 2 * kRotors;
 using FlownLanes = Lanes<kFlown>;
 
+// Calls f(array, its first of the kFlown numbers, columns) for each array of a State, which may be const, with these numbers.
+template <class T, class F>
+void for_each_flown(T& state, const F& f) {
+  std::size_t first = 0;
+  const auto call = [&](auto& array, std::size_t columns) {
+    f(array, first, columns);
+    first += columns;
+  };
+  call(state.position, 3);
+  call(state.flight.velocity, 3);
+  call(state.quat_wxyz, 4);
+  call(state.flight.angular_velocity, 3);
+  call(state.flight.error_integral, 3);
+  call(state.flight.rotor_speed, kRotors);
+  call(state.flight.rotor_command, kRotors);
+}
+
 // The drones of the lanes; drones beyond the last one are copies of it.
 using LaneDrones = std::array<DroneIndex, kLanes>;
 

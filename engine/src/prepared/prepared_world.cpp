@@ -1,6 +1,11 @@
 #include "prepared/prepared_world.hpp"
 
 #include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <utility>
+#include <vector>
 
 #include "base/platform.hpp"
 #include "collision/convex.hpp"
@@ -41,6 +46,22 @@ const collision::Obstacles& PreparedWorld::obstacles() const {
     const World& solids = once(solids_, [this] { return std::make_unique<const World>(solids_of(world_)); });
     const trace::Scene& solid_scene = once(solid_scene_, [&] { return std::make_unique<const trace::Scene>(solids); });
     return make_near<collision::Obstacles>(memory_, solids, solid_scene);
+  });
+}
+
+const std::vector<std::int32_t>& PreparedWorld::solid_objects() const {
+  if (world_.original() != nullptr) return prepared(*world_.original()).solid_objects();
+  return once(solid_objects_, [this] {
+    auto objects = std::make_unique<std::vector<std::int32_t>>();
+    const std::span<const Primitive> primitives = world_.primitives();
+    for (std::size_t i = 0; i < primitives.size(); ++i) {
+      if (is_solid(primitives[i].visibility)) objects->push_back(static_cast<std::int32_t>(i));
+    }
+    const TriangleMesh& mesh = world_.triangles();
+    for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+      if (is_solid(mesh.visibility_of(i))) objects->push_back(static_cast<std::int32_t>(primitives.size() + mesh.objects[i]));
+    }
+    return std::unique_ptr<const std::vector<std::int32_t>>(std::move(objects));
   });
 }
 

@@ -1,6 +1,7 @@
 // PreparedWorld: data structures that the stages derive from a world. The world does not depend on them.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <mutex>
 #include <vector>
@@ -35,6 +36,8 @@ class PreparedWorld {
   const World& world() const { return world_; }
   const trace::Scene& scene() const;              // for rays: visible objects
   const collision::Obstacles& obstacles() const;  // for collisions: solid objects
+  // Of each element of obstacles(): the number of its object among World::objects().
+  const std::vector<std::int32_t>& solid_objects() const;
   // Of each solid object, for a body that is this world's mesh.
   const std::vector<collision::Corners>& corners() const;
   // Cache for the layer of bodies; see bodies/body_model.hpp.
@@ -61,6 +64,7 @@ class PreparedWorld {
   mutable Part<World> solids_;            // used if not everything is both solid and visible
   mutable Part<trace::Scene> solid_scene_;
   mutable NearPart<collision::Obstacles> obstacles_;
+  mutable Part<std::vector<std::int32_t>> solid_objects_;
   mutable Part<std::vector<collision::Corners>> corners_;
   mutable Part<render::Shading> shading_;
   Attachment bodies_;

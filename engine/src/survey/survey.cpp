@@ -318,4 +318,29 @@ DistanceGrid distance(const World& world, float cell_m, const std::optional<Aabb
   return out;
 }
 
+NearestSurfaces nearest(const World& world, std::span<const float> points) {
+  require(points.size() % 3 == 0, "points", "rows of 3 numbers", std::to_string(points.size()) + " numbers");
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (is_in_world(points[i])) continue;
+    refuse("points", in_world("finite coordinates"), std::to_string(points[i]) + " in row " + std::to_string(i / 3));
+  }
+  const collision::Obstacles& obstacles = prepared(world).obstacles();
+  const std::vector<std::int32_t>& objects = prepared(world).solid_objects();
+  NearestSurfaces found;
+  for (std::size_t i = 0; i < points.size(); i += 3) {
+    if (i % 3072 == 0) Interrupt::poll();
+    const Vec3 point(points[i], points[i + 1], points[i + 2]);
+    // A search tests all shapes within its first radius. A world has something solid, and no two points are farther apart than
+    // the last radius.
+    collision::NearestPoint at;
+    for (float within = 1.0F; at.element == collision::NearestPoint::kNone && within < 32.0F * kMaxCoordinate; within *= 8.0F) {
+      at = obstacles.nearest(point, within);
+    }
+    found.points.push_back(at.point);
+    found.distance_m.push_back(at.distance);
+    found.objects.push_back(at.element == collision::NearestPoint::kNone ? -1 : objects[at.element]);
+  }
+  return found;
+}
+
 }  // namespace flockstep

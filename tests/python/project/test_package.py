@@ -75,6 +75,7 @@ def test_the_doctor_imports_what_it_names(monkeypatch):
         ("connect", "google", "client"),
         ("connect", "websockets", "client"),
         ("rllib", "ray", "rllib"),
+        ("torch", "torch", "sb3"),
     ],
 )
 def test_what_needs_an_extra_names_it(attribute, missing, extra):
