@@ -262,7 +262,7 @@ def add_fields(cls: type, config: type[Any], before: str) -> None:
         return
     doc = inspect.cleandoc(cls.__doc__)
     head, found, rest = doc.partition(f"\n{before}\n    ")
-    about = [f"\n{f['name']}\n    {f['about']}" for f in config._fields if f"\n{f['name']}\n    " not in doc]  # type: ignore[attr-defined]
+    about = [f"\n{f['name']}\n    {f['about']}" for f in config._fields if f"\n{f['name']}\n    " not in doc]
     cls.__doc__ = head + "".join(about) + found + rest
 
 

@@ -36,9 +36,9 @@ class PreparedWorld {
   const World& world() const { return world_; }
   const trace::Scene& scene() const;              // for rays: visible objects
   const collision::Obstacles& obstacles() const;  // for collisions: solid objects
-  // Of each element of obstacles(): the number of its object among World::objects().
+  // The number of the object among World::objects(), for each element of obstacles().
   const std::vector<std::int32_t>& solid_objects() const;
-  // Of each solid object, for a body that is this world's mesh.
+  // The corners of each solid object, for a body that is this world's mesh.
   const std::vector<collision::Corners>& corners() const;
   // Cache for the layer of bodies; see bodies/body_model.hpp.
   const Attachment& bodies() const { return bodies_; }

@@ -205,7 +205,7 @@ class Comparison {
       constexpr double kDistance = 2e-3;
       const Doubles far = flight.difference(lane, weights, along, kDistance);
       const Doubles near = flight.difference(lane, weights, along, 0.5 * kDistance);
-      // Where a rotor is at rest, rounding decides the root of its thrust: differences are then too rough at a small distance.
+      // For a rotor at rest, rounding decides the root of its thrust: differences are then too rough at a small distance.
       const Doubles rough = flight.difference(lane, weights, along, 0.01 * kDistance);
       const auto is_smooth = (abs(far - near) < 3e-9 * size) & (abs(rough - near) < 3e-8 * size);
       const auto agrees = abs(sum - near) < 1e-8 * size;
