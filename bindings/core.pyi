@@ -1543,7 +1543,7 @@ class Batch:
 
     @property
     def num_rotors(self) -> int:
-        """Columns of rotor speeds: 4, or the largest number of rotors of an airframe."""
+        """Number of columns of `rotor_speed`: that of the airframe with most rotors, at least 4."""
 
     @property
     def dynamics(self) -> DynamicsConfig:
@@ -1749,7 +1749,7 @@ class Batch:
     def pullback(
         self, before: npt.ArrayLike, command: npt.ArrayLike, d_after: npt.ArrayLike, ticks: int = 1
     ) -> tuple[_F32, _F32]:
-        """Return the derivatives of a number by the state before ``fly(command)`` and by the command.
+        """Return derivatives by a state and by the command that `fly` takes from there, one step back.
 
         ``d_after`` (N, 24) are its derivatives by the state after the step; states are rows like `flown`. {batch.hpp:
         The equations of flight are differentiated ... no part}. `flockstep.torch.fly` calls it in a backward pass.
@@ -1757,7 +1757,7 @@ class Batch:
         Raises
         ------
         ValueError
-            {batch.hpp: the control, or a late command, has no derivative}; a number is not finite.
+            The control has no derivative, commands may be late, or a number is not finite.
         RuntimeError
             The motion is kinematic.
         """

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from flockstep._core import HoverConfig
 from flockstep.trainings import varied
 from flockstep.trainings.training import Keywords, Training
 from flockstep.variations import vary
@@ -47,17 +46,17 @@ def _thrown(flights: int, seed: int) -> Mapping[str, Keywords]:
 def frames_row() -> Training:
     """Return a row that holds all airframes and random ones by body rates, without a memory."""
     several = varied.TRAININGS["hover_varied"]
-    kept = {name: figure for name, figure in several.figures.items() if not name.startswith("late")}
+    figures = {name: figure for name, figure in several.figures.items() if not name.startswith("late")}
     made = by_gradients(several, 2_000_000, {"learning_rate": 3e-3, "ticks": 2}, "frames")
-    learns: Keywords = {
-        "task": HoverConfig(start_tilt_deg=110.0, start_speed_mps=2.5),
-        "control": "body_rates",
-        "variations": vary(mass_scale=(0.95, 1.05)),
-    }
+
+    def learns() -> Keywords:
+        kept = {name: value for name, value in several.learns().items() if name in ("task", "control", "airframes")}
+        return {**kept, "variations": vary(mass_scale=(0.95, 1.05))}
+
     return replace(
         made,
         num_envs=64,
-        learns=lambda: {**learns, "airframes": varied.many_frames()},
+        learns=learns,
         judged=_thrown,
-        figures=kept,
+        figures=figures,
     )

@@ -9,7 +9,6 @@ namespace flockstep {
 namespace {
 
 using namespace testing;
-using dynamics::kLanes, dynamics::Lane;
 
 // A task that compares each of its observations with the differentiated formula.
 class Watched final : public Task {
@@ -28,8 +27,9 @@ class Watched final : public Task {
   void score(const TaskBlock& block, Score& score) override { task_->score(block, score); }
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
     task_->observe(block, observation);
-    for (std::size_t first = 0; first < block.drones.size(); first += kLanes) {
-      compare(block.context, block.drones.subspan(first, std::min(kLanes, block.drones.size() - first)), observation[0]);
+    for (std::size_t first = 0; first < block.drones.size(); first += dynamics::kLanes) {
+      compare(block.context, block.drones.subspan(first, std::min(dynamics::kLanes, block.drones.size() - first)),
+              observation[0]);
     }
   }
   void visit(ArrayVisitor& visitor) override { task_->visit(visitor); }
@@ -42,7 +42,7 @@ class Watched final : public Task {
     task::GradientStep step{};
     step.constants.resize(gradient_->num_constants());
     dynamics::LaneDrones lanes;
-    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    for (std::size_t lane = 0; lane < dynamics::kLanes; ++lane) {
       lanes[lane] = drones[std::min(lane, drones.size() - 1)];
       std::vector<float> constants(step.constants.size());
       gradient_->write_constants(context, lanes[lane], constants.data());
@@ -50,7 +50,7 @@ class Watched final : public Task {
       for (std::size_t i = 0; i < 4; ++i) step.action_before[i][lane] = gradient_->last_actions()[4 * lanes[lane] + i];
     }
     dynamics::StepGradient::read(context.state(), lanes, step.start.flown);
-    AlignedVector<Lane> found(observation.row<float>(drones[0]).size());
+    AlignedVector<dynamics::Lane> found(observation.row<float>(drones[0]).size());
     TapeMemory<float> memory;
     task::observe(gradient_->terms(), step, memory, found);
     for (std::size_t lane = 0; lane < drones.size(); ++lane) {
@@ -66,7 +66,7 @@ class Watched final : public Task {
   task::FlightGradient* gradient_;
 };
 
-std::shared_ptr<const World> hall() { return make_world({primitive(PrimitiveKind::room, {0, 0, 5}, {8, 8, 5})}); }
+std::shared_ptr<const World> arena() { return make_world({primitive(PrimitiveKind::room, {0, 0, 5}, {8, 8, 5})}); }
 
 template <class Config>
 BatchConfig flights(const Config& task, int num_envs, Control control) {
@@ -93,12 +93,12 @@ void expect_same_observations(const Config& task, const Batch::Worlds& worlds, c
 }
 
 TEST(FlightGradient, ObservesWhatTasksObserve) {
-  expect_same_observations(HoverConfig(), {hall()}, "crazyflie", Control::rotor_thrusts);
-  expect_same_observations(HoverConfig(), {hall()}, "x500", Control::velocity);
+  expect_same_observations(HoverConfig(), {arena()}, "crazyflie", Control::rotor_thrusts);
+  expect_same_observations(HoverConfig(), {arena()}, "x500", Control::velocity);
   for (const TrackPath path : {TrackPath::figure8, TrackPath::random}) {
     for (const TrackYaw yaw : {TrackYaw::fixed, TrackYaw::along}) {
       for (const int points : {1, 5, 20}) {
-        expect_same_observations(TrackConfig{.path = path, .yaw = yaw, .points = points}, {hall()}, "crazyflie",
+        expect_same_observations(TrackConfig{.path = path, .yaw = yaw, .points = points}, {arena()}, "crazyflie",
                                  Control::body_rates);
       }
     }
@@ -144,9 +144,9 @@ void expect_predicted_loss(const Config& task, const Batch::Worlds& worlds, cons
 }
 
 TEST(FlightGradient, PredictsTheChangeOfALoss) {
-  expect_predicted_loss(HoverConfig(), {hall()}, "crazyflie", Control::rotor_thrusts);
-  expect_predicted_loss(HoverConfig(), {hall()}, "hummingbird", Control::body_rates);
-  expect_predicted_loss(TrackConfig(), {hall()}, "crazyflie", Control::body_rates);
+  expect_predicted_loss(HoverConfig(), {arena()}, "crazyflie", Control::rotor_thrusts);
+  expect_predicted_loss(HoverConfig(), {arena()}, "hummingbird", Control::body_rates);
+  expect_predicted_loss(TrackConfig(), {arena()}, "crazyflie", Control::body_rates);
   expect_predicted_loss(RaceConfig(), {race_track({.seed = 1})}, "racer5", Control::body_rates);
 }
 
