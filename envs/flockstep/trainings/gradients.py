@@ -31,7 +31,11 @@ def frame_row(row: Training, drone: str) -> Training:
     """Return a row for another airframe."""
     settings = {**POINT, "learning_rate": 3e-3, "ticks": 2}
     made = by_gradients(row, 614_400, settings, f"frame_{drone}", drone=drone)
-    return replace(made, judged=lambda flights, seed: {"": {"drone": drone}})
+
+    def judged(flights: int, seed: int) -> Mapping[str, Keywords]:
+        return {kind: {**keywords, "drone": drone} for kind, keywords in row.judged(flights, seed).items()}
+
+    return replace(made, judged=judged)
 
 
 def _thrown(flights: int, seed: int) -> Mapping[str, Keywords]:
