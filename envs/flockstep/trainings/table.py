@@ -383,7 +383,7 @@ TRAININGS |= {
     "hover_apg": by_gradients(TRAININGS["hover"], 307_200, gradients.POINT, "hover"),
     "track_apg": by_gradients(TRAININGS["track"], 999_424, gradients.POINT, "track"),
     # Along one track as fast as the loss allows; along others no faster than 8 m/s.
-    "race_apg": by_gradients(TRAININGS["race"], 1_998_720, gradients.RACE, "race", speed_cap_mps=(16.0, 16.0)),
+    "race_apg": by_gradients(TRAININGS["race"], 1_399_680, gradients.RACE, "race", speed_cap_mps=(16.0, 16.0)),
     "race_unseen_apg": by_gradients(
         TRAININGS["race_unseen"], 3_999_360, gradients.RACE, "race_unseen", speed_cap_mps=(8.0, 8.0)
     ),
