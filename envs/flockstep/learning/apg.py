@@ -37,7 +37,7 @@ class APG(PPO):
     policy
         ``"MlpPolicy"``.
     env
-        A `DroneVectorEnv` with one drone per env, whose control is ``rotor_speeds``, ``rotor_thrusts``,
+        A `DroneVectorEnv` with quadrotors, whose control is ``rotor_speeds``, ``rotor_thrusts``,
         ``body_rates``, ``velocity`` or ``heading_velocity``, and whose commands are not late.
     learning_rate
         Step size of Adam. A number falls to 0 along a cosine; a function takes the remaining share of the training,
