@@ -26,7 +26,8 @@ using task::kActions;
 namespace {
 
 constexpr float kBeta2 = 0.99F;
-constexpr float kOvershoot = 0.02F;  // derivative of the loss by each unit of an action beyond its bounds
+constexpr std::size_t kMaxWindow = 1 << 22;  // of a window, all rows together: some 2 GB
+constexpr float kOvershoot = 0.02F;          // derivative of the loss by each unit of an action beyond its bounds
 
 // The tasks' part of a window, and the physics to differentiate.
 struct Differentiated {
@@ -116,6 +117,9 @@ GradientReport Learner::learn_window(const GradientConfig& config, Batch& batch)
   require(parts.config.features == Features::flat || parts.config.features == Features::point, "features",
           "\"flat\" or \"point\", which have derivatives", "others");
   require(!parts.rollout.config.normalize_observations, "normalize_observations", "False", "True");
+  require(static_cast<std::size_t>(config.horizon) * sim.num_drones() <= kMaxWindow, "horizon",
+          "at most " + std::to_string(kMaxWindow) + " steps of all rows",
+          static_cast<std::size_t>(config.horizon) * sim.num_drones());
   const Differentiated flight(sim, config.ticks);
 
   if (!parts.window) parts.window = std::make_unique<GradientWindow>();

@@ -118,6 +118,8 @@ def test_without_a_derivative_is_refused_by_name():
     ):
         with refused(ValueError, field):
             APG("MlpPolicy", hover(**keywords), seed=0).learn(640)
+    with refused(ValueError, "horizon", 5_000_000):
+        APG("MlpPolicy", hover(500), horizon=10_000).learn(1)
     with refused(ValueError, "autoreset_mode", "disabled"):
         APG("MlpPolicy", hover(autoreset_mode="disabled"))
     with refused(ValueError, "env"):
