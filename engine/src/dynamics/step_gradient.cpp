@@ -59,10 +59,12 @@ StepGradient::StepGradient(const Fleet& fleet, int ticks_of_step)
   const Control control = fleet.config.control;
   require(control == Control::rotor_speeds || control == Control::rotor_thrusts || control == Control::body_rates ||
               control == Control::velocity || control == Control::heading_velocity,
-          "control", "rotor_speeds, rotor_thrusts, body_rates, velocity or heading_velocity, which have derivatives", "another");
+          "control", "rotor_speeds, rotor_thrusts, body_rates, velocity or heading_velocity, which have derivatives",
+          EnumNames<Control>::kNames[static_cast<std::size_t>(control)]);
   require(fleet.num_rotors() == kRotors, "drone", "quadrotors, whose flight has derivatives",
           "one with " + std::to_string(fleet.num_rotors()) + " rotors");
-  require(fleet.commands.empty(), "variations", "commands that are not late, which have no derivative", "action_delay_s");
+  require(fleet.commands.empty(), "variations", "commands that are never late or lost",
+          "action_delay_s, action_jitter_s or action_loss");
   physics = Physics(fleet.airframes[0], fleet.config, dt_s_, 1);
   for (const Airframe& frame : fleet.airframes) physics.include(Physics(frame, fleet.config, dt_s_, 1));
   physics.include(fleet.physics);

@@ -29,6 +29,12 @@ constexpr float kBeta2 = 0.99F;
 constexpr std::size_t kMaxWindow = 1 << 22;  // of a window, all rows together: some 2 GB
 constexpr float kOvershoot = 0.02F;          // derivative of the loss by each unit of an action beyond its bounds
 
+// The name that begins a task's identity.
+std::string task_name(const Task& task) {
+  const std::string identity = task.identity();
+  return identity.substr(0, identity.find(' '));
+}
+
 // The tasks' part of a window, and the physics to differentiate.
 struct Differentiated {
   Differentiated(Simulation& simulation, int ticks)
@@ -109,16 +115,16 @@ GradientReport Learner::learn_window(const GradientConfig& config, Batch& batch)
   Parts& parts = *parts_;
   Simulation& sim = *batch.sim_;
   require(sim.task_state && dynamic_cast<task::FlightGradient*>(sim.task_state->task.get()) != nullptr, "task",
-          "hover, track or race, whose losses have derivatives", "another");
+          "hover, track or race, whose losses have derivatives", sim.task_state ? task_name(*sim.task_state->task) : "none");
   parts.require_fits(batch, sim.num_drones());
   require(!parts.config.is_discrete && parts.action_size() == kActions, "batch", "a task with four numbers as an action",
           parts.action_size());
-  require(!sim.task_state->memory, "observed", "the task's own observation, which has derivatives", "another");
+  require(!sim.task_state->memory, "observed", "the task's own observation, without history, past actions or delay", "another");
   require(parts.config.features == Features::flat || parts.config.features == Features::point, "features",
           "\"flat\" or \"point\", which have derivatives", "others");
   require(!parts.rollout.config.normalize_observations, "normalize_observations", "False", "True");
   require(static_cast<std::size_t>(config.horizon) * sim.num_drones() <= kMaxWindow, "horizon",
-          "at most " + std::to_string(kMaxWindow) + " steps of all rows",
+          "at most " + std::to_string(kMaxWindow) + " steps, horizon times envs",
           static_cast<std::size_t>(config.horizon) * sim.num_drones());
   const Differentiated flight(sim, config.ticks);
 

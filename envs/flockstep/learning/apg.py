@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from flockstep._core import GradientConfig
+from flockstep._core import GradientConfig, _unexpected_keyword
 from flockstep.keywords import add_fields
 from flockstep.learning import loop
 from flockstep.learning.callbacks import Callbacks
@@ -23,8 +24,8 @@ _LOG_STD = -2.0
 class APG(PPO):
     """Analytic policy gradients in C++: flight policies in seconds, for the engine's tasks whose loss has derivatives.
 
-    Each update flies ``horizon`` steps with the likeliest actions and differentiates a loss of the task backwards
-    through the flight, the observations and the network. Rewards are not used: the task has a loss of its own, with
+    Each update flies ``horizon`` steps with the mean actions and backpropagates a loss of the task through the flight,
+    the observations and the network. Rewards are not used: the task has a loss of its own, with
     smooth terms in place of contacts. Networks, files, `predict`, callbacks and logs are those of `PPO`, and
     ``PPO.load(path, envs, learning_rate=...)`` goes on with rewards. Callbacks are called after each update.
 
@@ -37,21 +38,22 @@ class APG(PPO):
     policy
         ``"MlpPolicy"``.
     env
-        A `DroneVectorEnv` with quadrotors, whose control is ``rotor_speeds``, ``rotor_thrusts``,
-        ``body_rates``, ``velocity`` or ``heading_velocity``, and whose commands are not late.
+        A `DroneVectorEnv` with such a task and quadrotors, whose control is ``rotor_speeds``, ``rotor_thrusts``,
+        ``body_rates``, ``velocity`` or ``heading_velocity``. Commands may not be late, observations have no history,
+        and ``autoreset_mode`` is not ``"disabled"``.
     learning_rate
         Step size of Adam. A number falls to 0 along a cosine; a function takes the remaining share of the training,
         which falls from 1 to 0.
     policy_kwargs
-        As for `PPO`, with ``"FlattenExtractor"`` or ``"PointFeatures"``. ``log_std_init``, of which only a later
-        training by `PPO` makes use, is -2 by default.
+        As for `PPO`, with ``"FlattenExtractor"`` or ``"PointFeatures"``. ``log_std_init``, -2 by default, matters
+        only if `PPO` goes on.
     **others
         ``stats_window_size``, ``tensorboard_log``, ``verbose``, ``seed`` and the number of threads, as for `PPO`.
 
     Raises
     ------
     ValueError, TypeError
-        A value is not allowed, or a part of the environment has no derivative; the message names it.
+        A value is not allowed. `learn` raises it for a part of the environment that has no derivative, and names it.
     """
 
     def __init__(
@@ -70,6 +72,8 @@ class APG(PPO):
         for name in others:
             if name in HYPERPARAMETERS:  # of PPO alone
                 raise TypeError(f"APG.__init__: expected no {name}, which belongs to PPO")
+            if name not in inspect.signature(PPO).parameters:
+                raise TypeError(_unexpected_keyword("APG.__init__", name, [*inspect.signature(APG).parameters]))
         self.horizon, self.ticks = horizon, ticks
         super().__init__(
             policy,
