@@ -31,7 +31,7 @@ TWO = re.compile(r"([\w:<>]+) \w+(?: = \w+)?(,) \w+(?: = \w+)?;")
 LITERAL = re.compile(r'\s*"((?:\\.|[^"\\])*)"')
 
 ROWS = {"drone": "N", "env": "E", "task": "R", "body": "E, B"}
-ITEMS = {"row": "", "term": "terms", "ray": "channels, beams", "pixel": "height, width"}
+ITEMS = {"row": "", "term": "terms", "ray": "channels, beams", "pixel": "height, width", "rotor": "rotors"}
 USUAL = (
     (re.compile(r"\bauto fields\(\)"), "The list of the members, from which checks, hashes and documents are made."),
     (re.compile(r"\bvoid validate\(\) const"), "Throws `std::invalid_argument` naming the field with a bad value."),

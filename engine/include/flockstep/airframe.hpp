@@ -12,7 +12,8 @@
 
 namespace flockstep {
 
-inline constexpr std::size_t kMinRotors = 4, kMaxRotors = 8;  // number of rotors of an airframe
+inline constexpr std::size_t kMinRotors = 4;  // rotors of an airframe, at least
+inline constexpr std::size_t kMaxRotors = 8;  // rotors of an airframe, at most
 
 // Direction in which a rotor turns, seen from above. A counter-clockwise rotor yaws the body clockwise.
 enum class Spin : std::uint8_t { ccw, cw };
@@ -120,7 +121,7 @@ struct Airframe {
   // Throws std::invalid_argument if the body cannot hover. The message names the field, the expected value and the actual one.
   FLOCKSTEP_API void validate() const;
 
-  std::size_t num_rotors() const { return position_m.size(); }
+  std::size_t num_rotors() const { return position_m.size(); }      // number of rotors
   FLOCKSTEP_API double thrust_at(double speed_radps) const;         // N, one rotor
   FLOCKSTEP_API double speed_for(double thrust_n) const;            // rad/s, one rotor, within the speed limits
   double max_thrust() const { return thrust_at(max_speed_radps); }  // N, one rotor
