@@ -1,6 +1,5 @@
 // Losses and observations of flight tasks, templates over the number type. Where an episode ends without a derivative, by a
-// contact or a missed gate, a smooth term stands in for it. Weights follow gradients of the prototype in which they were tuned;
-// they belong to learning, not to the task's reward.
+// contact or a missed gate, a smooth term stands in for it. The weights are for learning; the task's reward has its own.
 #include "tasks/flight_gradient.hpp"
 
 #undef HWY_TARGET_INCLUDE

@@ -71,9 +71,9 @@ def test_the_gradient_predicts_how_the_loss_changes(task, ticks, keywords):
     loss(first)
     gradient = model.learner.window_gradient().astype(float)
     square = gradient @ gradient
-    for shift in (1e-2 / np.sqrt(square),):
-        up, down = (loss((first + sign * shift * gradient).astype(np.float32)) for sign in (1, -1))
-        assert (up - down) / (2 * shift) == pytest.approx(square, rel=0.03)
+    shift = 1e-2 / np.sqrt(square)
+    up, down = (loss((first + sign * shift * gradient).astype(np.float32)) for sign in (1, -1))
+    assert (up - down) / (2 * shift) == pytest.approx(square, rel=0.03)
 
 
 def test_threads_and_repeats_give_the_same_bits():
@@ -107,7 +107,7 @@ def test_callbacks_are_called_after_each_update():
     model = APG("MlpPolicy", hover(), horizon=16, policy_kwargs=POINT, seed=0)
     model.learn(100_000, count)
     assert seen == [320, 640, 960]
-    assert {"train/loss", "train/gradient_norm"} <= {*model.logger.name_to_value} or model.num_timesteps == 960
+    assert {"train/loss", "train/gradient_norm"} <= {*model.logger.name_to_value}  # of the update that ended it
 
 
 def test_without_a_derivative_is_refused_by_name():
