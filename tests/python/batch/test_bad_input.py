@@ -8,6 +8,7 @@ import pytest
 from messages import refused
 
 import flockstep
+from flockstep import _core
 
 BIG = np.float64(1e39)  # beyond float32
 
@@ -141,44 +142,43 @@ def test_invalid_batches(room, arguments, said):
         flockstep.Batch(**{"worlds": [room]} | arguments)
 
 
-BAD_FIELDS = {
-    flockstep.LidarConfig: {
-        "lidar.beams": [0, 1_000_000],
-        "lidar.channels": [0],
-        "lidar.hfov_deg": [0, 361, np.nan],
-        "lidar.vfov_deg": [-1],
-        "lidar.max_range_m": [0, np.inf],
-    },
-    flockstep.NavigationReward: {
-        "reward.goal_radius_m": [0],
-        "reward.min_clearance": [1],
-        "reward.step_scale": [0],
-        "reward.crash_weight": [np.nan],
-    },
-    flockstep.NavigationConfig: {"action": ["jump"], "task.step_m": [0, np.nan], "task.yaw_step_deg": [181]},
-    flockstep.EpisodeConfig: {"autoreset_mode": ["sometimes"], "max_episode_steps": [-1, 2**40], "frame_skip": [0]},
-    flockstep.CameraConfig: {"width_px": [2**40]},
-    flockstep.ClockConfig: {"policy_hz": [0], "physics_hz": [15]},
-    flockstep.PoseSensorConfig: {
-        "pose_sensor.position_noise_std_m": [-1],
-        "pose_sensor.orientation_noise_std_deg": [np.inf],
-    },
-}
+LIMITS = re.compile(r"(?:0 or )?([\[(]|>=? )(-?[\d.]+)(?:, ([\d.]+)[)\]])?|within \+-([\d.e+]+)")
+NUMBER = re.compile(r"(Sequence\[)?(int|float)\]?(?: \| None)?")
+NUMBERS = [
+    (config, field["name"], *number.groups(), field["values"])
+    for config in vars(_core).values()
+    for field in getattr(config, "_fields", [])
+    if (number := NUMBER.fullmatch(field["type"])) and LIMITS.match(field["values"]) and field["name"] != "azimuth_deg"
+]
 
 
-@pytest.mark.parametrize("config", BAD_FIELDS)
-def test_bad_fields_of_configs(config):
-    for field, values in BAD_FIELDS[config].items():
-        for value in values:
-            with refused(ValueError, field, value):
-                config(**{field.rpartition(".")[2]: value})
+@pytest.mark.parametrize(("config", "name", "many", "kind", "values"), NUMBERS)
+def test_numbers_beyond_the_limits_of_their_field(config, name, many, kind, values):
+    """Also those that are set later, and reach an env with the configuration of its task."""
+    opens, low, high, wide = LIMITS.match(values).groups()
+    step = 1 if kind == "int" else 1e-3
+    bads = [] if kind == "int" else [np.nan, np.inf, -np.inf]
+    if wide:
+        bads += [1.001 * float(wide), -1.001 * float(wide)]
+    else:
+        bads += [float(low) - (0 if opens in ("(", "> ") else step), *(float(h) * 1.001 + step for h in [high] if h)]
+    for bad in bads:
+        bad = bad if kind == "float" else int(bad)
+        value = [bad, *getattr(config(), name)[1:]] if many else bad
+        said = pytest.raises(ValueError, match=rf"^(\w+[.:] ?)*({name}|low)\b")  # a highest value below the lowest
+        with said:
+            config(**{name: value})
+        if config in (flockstep.HoverConfig, flockstep.TrackConfig):
+            task = config()
+            setattr(task, name, value)
+            with said:
+                flockstep.DroneVectorEnv(1, task=task)
 
 
 @pytest.mark.parametrize(
     ("fields", "said"),
     [
         ({"channels": 1000, "beams": 1000}, ["lidar", "262144 rays", 1_000_000]),
-        ({"offset_m": (0, np.inf, 0)}, ["lidar.offset_m[1]", np.inf]),
         ({"quat_wxyz": (0, 0, 0, 0)}, ["lidar.quat_wxyz", "unit", "0.000000"]),
         ({"azimuth_deg": [0, 1], "elevation_deg": [0]}, ["lidar.elevation_deg", 2, 1]),
         ({"azimuth_deg": [np.nan], "elevation_deg": [0]}, ["lidar.azimuth_deg[0]", np.nan]),
@@ -196,15 +196,6 @@ def test_lidars(fields, said):
 def test_a_pattern_may_say_how_many_beams_it_has():
     config = flockstep.LidarConfig(azimuth_deg=[0, 1, 2], elevation_deg=[0, 0, 0], beams=3)
     assert config.shape == (1, 3)
-
-
-@pytest.mark.parametrize("name", ["lidar", "camera", "imu"])
-def test_offsets_of_sensors(name):
-    config = getattr(flockstep, f"{name.title()}Config")
-    for bad in (100.1, -2000.5, np.nan):
-        with refused(ValueError, f"{name}.offset_m[2]", "-100", bad):
-            config(offset_m=(0, 0, bad))
-    assert config(offset_m=(0, 0, -100)).offset_m[2] == -100
 
 
 CONFIGS = [

@@ -1,86 +1,250 @@
-"""The same bits for any number of envs, threads, block size and autoreset mode."""
+"""The same bits for any number of envs, threads, block size and autoreset mode, and in what is restored or copied.
 
+A feature whose results could depend on any of these has a flight in the list below, which all tests fly.
+"""
+
+import copy
+import pickle
+
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium import spaces
+from rigid_body import FULL, drone_of
+from simple_tasks import Climb
+from test_env_lights import LIGHTS
+from test_mesh_bodies import star_world
+from test_seen_drones import RED
+from test_world_pool import hall_at_leisure, pad
 
 import flockstep
+from flockstep import BodyConfig, BodyMotion, WorldPool, scenes
+from flockstep.variations import choice, uniform
 
-OUTPUTS = (
-    "observation",
-    "final_observation",
-    "reward",
-    "terminated",
-    "truncated",
-    "reward_terms",
-    "success",
-    "crashed",
-    "episode_end",
-)
-OUTPUTS += ("episode_return", "episode_length", "position", "quat_wxyz", "world_index", "goal_index", "ranges")
-STEPS = 60
-
-
-def actions_of(num_drones, kind="displacement_yaw"):
-    """(STEPS, N, k) actions with columns that do not depend on N."""
-    if kind == "discrete":
-        return np.stack([np.random.default_rng([7, i]).integers(6, size=STEPS) for i in range(num_drones)], axis=1)
-    rows = [np.random.default_rng([7, i]).uniform(-1, 1, (STEPS, 4)) for i in range(num_drones)]
-    return np.stack(rows, axis=1).astype(np.float32)
-
-
-def outputs(batch):
-    """Copies of all outputs; final observations are zeroed except after an end."""
-    own = {"goal_index": batch.task_state["goal_index"], "ranges": batch.lidar().ranges}
-    copies = {name: (own[name] if name in own else getattr(batch, name)).copy() for name in OUTPUTS}
-    copies["final_observation"][~(batch.terminated | batch.truncated)] = 0
-    return copies
-
-
-def history(worlds, num_drones, kind="displacement_yaw", **arguments):
-    """Every output of every step, (STEPS + 1, N, ...)."""
-    task = flockstep.NavigationConfig(action=kind, random_start=True)
-    mode = arguments.pop("autoreset_mode", "same_step")
-    episode = flockstep.EpisodeConfig(
-        autoreset_mode=mode, max_episode_steps=25, random_world=True, stagger_first_episode=True
-    )
-    noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=0.5)
-    arguments = {"num_threads": 1, **arguments}
-    batch = flockstep.Batch(
-        worlds, num_drones, lidar=flockstep.LidarConfig(), pose_sensor=noise, task=task, episode=episode, **arguments
-    )
-    batch.reset(np.arange(num_drones) + 1000)
-    rows = [outputs(batch)]
-    for actions in actions_of(num_drones, kind):
-        batch.step(actions)
-        rows.append(outputs(batch))
-    return {name: np.stack([row[name] for row in rows]) for name in OUTPUTS}
+EYE = flockstep.CameraConfig(width_px=12, height_px=9, outputs=("rgb", "depth", "instance"), shadows=True)
+SENSED = {"position_noise_std_m": 0.01, "orientation_noise_std_deg": 0.5}
+NOISY = {
+    "task": flockstep.HoverConfig(),
+    "wind": flockstep.WindConfig(gusts="dryden"),
+    "imu": flockstep.ImuConfig(gyroscope_noise_density=0.1, accelerometer_random_walk=0.1, rate_hz=250),
+    "pose_sensor": flockstep.PoseSensorConfig(**SENSED, rate_hz=25),
+    "physics_hz": 500,
+    "max_episode_steps": 17,
+}
+LATE = {"latency_s": 0.03, "jitter_s": 0.09, "loss": 0.3}
+OBSERVED = flockstep.ObservationConfig(history=3, past_actions=2, delay_s=0.05, jitter_s=0.08, age=True)
+LAWS = {
+    "mass_scale": (0.8, 1.2),
+    "stretch": (0.9, 1.1),
+    "rotor_thrust_scale": (0.95, 1.05),
+    "lag_up_scale": (0.6, 1.5),
+    "rate_gain_scale": (0.7, 1.4),
+    "velocity_gain_scale": (0.8, 1.2),
+    "push_mps2": uniform(-0.5, 0.5, when="interval", interval_s=0.05),
+    "wind_mps": (-1.0, 1.0),
+    "battery_used": (0.0, 0.9),
+    "battery_fall": 0.2,
+    "battery_sag": 0.05,
+    "dead_from_s": choice([0.3, 1e6]),
+    "dead_rotor": uniform(0, 3.99, when="start"),
+    "action_delay_s": (0.0, 0.03),
+    "action_jitter_s": 0.012,
+    "action_loss": 0.1,
+}
+LIDAR = {
+    "worlds": "train",
+    "random_world": True,
+    "random_start": True,
+    "stagger_first_episode": True,
+    "pose_sensor": flockstep.PoseSensorConfig(**SENSED),
+    "max_episode_steps": 25,
+}
 
 
-@pytest.fixture(scope="module")
-def worlds(room, closet, playgrounds):
-    return [room, closet, *playgrounds]
+class Seek(flockstep.Task):
+    """Fly ahead among bodies that the task throws."""
+
+    observation_space = spaces.Box(-100, 100, (38,), np.float32)
+    lidar = flockstep.LidarConfig()
+    max_bodies = 3
+    bodies = (BodyConfig(position_m=[3, 3, 1.4], motion=BodyMotion(velocity_mps=[0.3, 0.1, 0])),)
+
+    def reset(self, batch, mask):
+        super().reset(batch, mask)
+        at = batch.position[:, None] + 2 * batch.random(1, 3)[:, None] - 1
+        batch.bodies.spawn(BodyConfig(shape="sphere", size_m=[0.5] * 3), at[:, 0], velocity=-at[:, 0] / 10, mask=mask)
+
+    def step(self, batch):
+        return -batch.contact.hit.astype(float), batch.contact.hit
+
+    def observe(self, batch):
+        return np.concatenate([batch.bodies.position[:, 1], np.minimum(batch.lidar().ranges[:, 0], 3)], 1).astype("f")
 
 
-@pytest.fixture(scope="module", params=["discrete", "displacement_yaw"])
-def wide(request, worlds):
-    run = history(worlds, 1024, request.param)
-    assert (run["terminated"] | run["truncated"]).sum() > 1000
-    assert run["crashed"].sum() > 40
-    assert len(np.unique(run["world_index"])) == 7
-    return request.param, run
+def meshes():
+    motion = BodyMotion(turn_rate_dps=[0, 40, 30], velocity_mps=[0, 0.4, 0])
+    return [BodyConfig(shape="mesh", mesh=star_world(), position_m=[x, 3, 2], motion=motion) for x in (3.0, 5.0)]
 
 
-@pytest.mark.parametrize("num_drones", [1, 16, 100])
-def test_env_i_of_few_is_env_i_of_many(wide, worlds, num_drones):
-    kind, many = wide
-    few = history(worlds, num_drones, kind)
-    np.testing.assert_equal(few, {name: many[name][:, :num_drones] for name in OUTPUTS})
+# Functions, because a pool belongs to one batch. A single world, unless it is drawn: env i is env 0 with another seed.
+FLIGHTS = {
+    "lidar": lambda: LIDAR,
+    "lidar by yaw": lambda: LIDAR | {"action": "displacement_yaw"},
+    "camera": lambda: {"observation": "blob", "worlds": scenes.load("camera-train")[1:2], "frame_skip": 2},
+    "pixels": lambda: {"observation": "pixels", "worlds": scenes.load("camera-train")[:1], "random_start": True},
+    "forest": lambda: {"worlds": flockstep.World.forest(3, trees=40), "random_start": True, "camera": EYE},
+    "pool": lambda: {"worlds": WorldPool(hall_at_leisure, 9, 0.7, threads=2), "action": "displacement"},
+    "pads": lambda: {
+        "worlds": WorldPool(pad, 12, 0.5),
+        "task": flockstep.HoverConfig(start_offset_m=0.3),
+        "ground_effect": True,
+        "control": "rotor_thrusts",
+    },
+    "hover": lambda: NOISY,
+    "track": lambda: {"task": flockstep.TrackConfig(path="random"), "drone": "x500", "control": "velocity"},
+    "race": lambda: {"task": flockstep.RaceConfig(laps=1, cap_success=0.0, speed_cap_mps=(4.0, 6.0))},
+    "dodge": lambda: {"task": flockstep.DodgeConfig(), "worlds": scenes.load("living")[1:2]},
+    "swap": lambda: {"task": flockstep.SwapConfig(), "drones_per_env": 3},
+    "formation": lambda: {"task": flockstep.FormationConfig(), "drones_per_env": 3},
+    "python": lambda: {"task": Climb, "worlds": "playground/train-1"},
+    "bodies": lambda: {"task": Seek, "worlds": "playground/train-1"},
+    "meshes": lambda: {"worlds": "playground/train-1", "bodies": meshes(), "camera": EYE},
+    "seen": lambda: (
+        {"worlds": "playground/train-1", "camera": EYE, "interaction": "both", "drone_mesh": RED}
+        | {"drones_per_env": 3, "random_start": True}
+    ),
+    "lights": lambda: {"worlds": "playground/train-1", "camera": EYE, "lights": LIGHTS},
+    "obstacles": lambda: (
+        {"task": flockstep.HoverConfig(start_offset_m=1.0), "drone": drone_of(FULL), "control": "velocity"}
+        | {"worlds": "playground/train-1", "on_contact": "bounce"}
+    ),
+    "downwash": lambda: {
+        "task": flockstep.HoverConfig(),
+        "drones_per_env": 4,
+        "control": "rotor_thrusts",
+        "downwash": True,
+    },
+    "variations": lambda: {"task": flockstep.HoverConfig(), "variations": flockstep.vary(**LAWS)},
+    "airframes": lambda: {"task": flockstep.HoverConfig(), "airframes": ["crazyflie", "x500", "f550"], "drone": "f550"},
+    "observed": lambda: {"task": flockstep.HoverConfig(), "observed": OBSERVED, "policy_hz": 50},
+    "privileged": lambda: NOISY | {"variations": flockstep.vary(mass_scale=(0.7, 1.3)), "privileged": "mass_scale"},
+    "late": lambda: (
+        NOISY
+        | {
+            "lidar": flockstep.LidarConfig(beams=5, **LATE),
+            "camera": flockstep.CameraConfig(width_px=6, height_px=5, **LATE),
+        }
+        | {"imu": flockstep.ImuConfig(gyroscope_random_walk=0.01, **LATE)}
+        | {"pose_sensor": flockstep.PoseSensorConfig(**SENSED, **LATE)}
+    ),
+}
+for kind in ("lidar", "pool", "hover", "dodge", "camera"):
+    for separately in ("each", "last"):
+        FLIGHTS[f"{kind}, {separately}"] = lambda kind=kind, separately=separately: (
+            FLIGHTS[kind]() | {"drones_per_env": 3, "episodes": separately}
+        )
+every_flight = pytest.mark.parametrize("name", FLIGHTS)
 
 
-@pytest.mark.parametrize("arguments", [{"num_threads": 8}, {"block_size": 1}, {"block_size": 7, "num_threads": 3}])
-def test_threads_and_blocks_do_not_matter(wide, worlds, arguments):
-    kind, run = wide
-    np.testing.assert_equal(history(worlds, 1024, kind, **arguments), run)
+def make(name, num_envs, **more):
+    return flockstep.DroneVectorEnv(num_envs, **{"max_episode_steps": 15, **FLIGHTS[name](), **more})
+
+
+def action_of(env, step):
+    """Actions that depend only on row and step. Choices are kept for a while, which leads to walls."""
+    space = env.single_action_space
+    if isinstance(space, spaces.Discrete):
+        return np.array([np.random.default_rng([row, step // 15]).integers(space.n) for row in range(env.num_envs)])
+    rows = [np.random.default_rng([row, step]).uniform(-1, 1, space.shape) for row in range(env.num_envs)]
+    return np.array(rows, np.float32)
+
+
+def shown(env):
+    """Every array of the batch, its sensors and its bodies."""
+    batch = env.batch
+    arrays = {each["name"]: getattr(batch, each["name"], None) for each in batch._arrays}
+    for sensor in (*batch.lidars, *batch.cameras, *batch.imus):
+        arrays |= {f"{sensor.name}: {name}": array for name, array in batch.sensor(sensor.name).items()}
+    arrays |= {f"body: {name}": getattr(batch.bodies, name) for name in ("position", "quat_wxyz", "active", "velocity")}
+    return {name: array.copy() for name, array in arrays.items() if array is not None}
+
+
+def stepped(env, step):
+    """What a step returns, and what is shown then. With autoreset disabled the rows that ended are reset."""
+    observation, *flags, infos = env.step(action_of(env, step))
+    ended = flags[1] | flags[2]
+    final = np.full(env.num_envs, None)
+    final[ended] = infos.get("final_obs", final)[ended]
+    if env.autoreset_mode.value == "Disabled" and ended.any():
+        observation, _ = env.reset(options={"reset_mask": ended})
+    results = dict(zip(("reward", "terminated", "truncated"), flags, strict=True))
+    results |= observation if isinstance(observation, dict) else {"observation": observation}
+    return {**shown(env), **{f"returned {name}": array for name, array in results.items()}}, list(final)
+
+
+def flown(env, seed=5, steps=50):
+    env.reset(seed=seed)
+    return [stepped(env, step) for step in range(steps)]
+
+
+def assert_first(few, many):
+    """What some envs do is what the first of more envs do."""
+    for (some, some_final), (all_rows, all_final) in zip(few, many, strict=True):
+        np.testing.assert_equal(some, {name: all_rows[name][: len(array)] for name, array in some.items()})
+        np.testing.assert_equal(some_final, all_final[: len(some_final)])
+
+
+@every_flight
+def test_neither_threads_nor_blocks_nor_other_envs_matter(name, mode):
+    many = flown(make(name, 5, num_threads=1, autoreset_mode=mode))
+    episodes = np.max([step["episode"].max() + step["own_episodes"].max(initial=0) for step, _ in many])
+    assert episodes >= 2
+    for num_envs, more in ((5, {"num_threads": 3, "block_size": 2}), (5, {"block_size": 1}), (2, {"num_threads": 1})):
+        assert_first(flown(make(name, num_envs, autoreset_mode=mode, **more)), many)
+
+
+def test_a_thousand_envs():
+    many = flown(make("lidar", 1024, num_threads=8))
+    assert len(np.unique(many[-1][0]["world_index"])) == 5
+    assert sum(step["crashed"].sum() for step, _ in many) > 40
+    assert_first(flown(make("lidar", 100, num_threads=3, block_size=7)), many)
+
+
+@every_flight
+def test_what_is_restored_or_copied_goes_on(name, mode):
+    """A snapshot is taken in every phase of an episode. One in another env continues for some steps, beside copies."""
+    env, other = (make(name, 3, autoreset_mode=mode, num_threads=threads) for threads in (1, 2))
+    env.reset(seed=3)
+    other.reset(seed=70)
+    twins = []
+    for step in range(40):
+        if step % 4 == 1:
+            blob = env.snapshot()
+            np.testing.assert_equal(other.restore(blob), env.observation())
+            twins = [other, pickle.loads(pickle.dumps(env)) if step % 8 == 1 else copy.deepcopy(env)]
+            for twin in twins:
+                assert twin.snapshot() == blob
+                np.testing.assert_equal(shown(twin), shown(env))
+        expected = stepped(env, step)
+        for twin in twins:
+            np.testing.assert_equal(stepped(twin, step), expected)
+
+
+@pytest.mark.parametrize("name", [name for name in FLIGHTS if not name.startswith(("pool", "pads"))])
+def test_a_spec_and_a_recipe_describe_the_flight(name):
+    keywords = {"max_episode_steps": 15, **FLIGHTS[name]()}
+    envs = gymnasium.make_vec("flockstep/LidarNavigation-v0", 2, **keywords)
+    text = envs.spec.to_json()
+    again = gymnasium.make_vec(gymnasium.envs.registration.EnvSpec.from_json(text), num_envs=2)
+    assert again.unwrapped.spec.to_json() == text
+    expected = flown(envs.unwrapped, steps=20)
+    np.testing.assert_equal(flown(again.unwrapped, steps=20), expected)
+    if not isinstance(keywords.get("task"), type):  # which a recipe names, if it is registered
+        recipe = envs.unwrapped.recipe
+        read = flockstep.Recipe.from_json(recipe.to_json())
+        assert read == recipe
+        given = {} if recipe.worlds else {"worlds": envs.unwrapped.batch.worlds}
+        np.testing.assert_equal(flown(flockstep.DroneVectorEnv.from_recipe(read, **given), steps=20), expected)
 
 
 def episodes(env, num_envs, action_of):
@@ -116,17 +280,17 @@ def episodes(env, num_envs, action_of):
     return starts, rows
 
 
-@pytest.mark.parametrize("own_task", [False, True])
-def test_autoreset_modes_agree_except_in_reset_rows(room, closet, example, own_task):
+@pytest.mark.parametrize(("own_task", "pool"), [(False, False), (True, False), (False, True)])
+def test_autoreset_modes_agree_except_in_reset_rows(room, closet, example, own_task, pool):
     def run(mode):
         lidar = flockstep.LidarConfig()
-        noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01)
-        arguments = {"worlds": [room, closet], "lidar": lidar, "pose_sensor": noise, "autoreset_mode": mode}
+        arguments = {"lidar": lidar, "pose_sensor": LIDAR["pose_sensor"], "autoreset_mode": mode}
+        arguments |= {"worlds": WorldPool(hall_at_leisure, 9, 1.0)} if pool else {"worlds": [room, closet]}
         if own_task:
-            twin = example("navigation_numpy").Navigation(flockstep.NavigationConfig(), lidar)
-            env = flockstep.DroneVectorEnv(6, task=twin, max_episode_steps=15, random_world=True, **arguments)
+            arguments["task"] = example("navigation_numpy").Navigation(flockstep.NavigationConfig(), lidar)
         else:
-            env = flockstep.DroneVectorEnv(6, max_episode_steps=15, random_start=True, random_world=True, **arguments)
+            arguments["random_start"] = True
+        env = flockstep.DroneVectorEnv(6, max_episode_steps=15, random_world=not pool, **arguments)
         return episodes(env, 6, lambda i, e, s: np.random.default_rng([i, e, s]).integers(6))
 
     first_starts, first_rows = run("next_step")
@@ -139,21 +303,3 @@ def test_autoreset_modes_agree_except_in_reset_rows(room, closet, example, own_t
             for (obs_a, *rest_a), (obs_b, *rest_b) in zip(first_rows[i], rows[i], strict=False):
                 np.testing.assert_array_equal(obs_a, obs_b)
                 assert rest_a == rest_b
-
-
-def test_restored_equals_uninterrupted(worlds):
-    task = flockstep.NavigationConfig(random_start=True)
-    episode = flockstep.EpisodeConfig(max_episode_steps=25, random_world=True)
-    arguments = {"lidar": flockstep.LidarConfig(), "task": task, "episode": episode, "num_threads": 2}
-    noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=0.5)
-    one = flockstep.Batch(worlds, 64, pose_sensor=noise, **arguments)
-    one.reset(np.arange(64))
-    actions = actions_of(64, "discrete")
-    for a in actions[:30]:
-        one.step(a)
-    other = flockstep.Batch(worlds, 64, pose_sensor=noise, **arguments)
-    other.restore(one.snapshot())
-    for a in actions[30:]:
-        np.testing.assert_equal(outputs(one), outputs(other))
-        one.step(a)
-        other.step(a)

@@ -1,11 +1,8 @@
 """Bodies of a batch: solids that move, which LiDARs detect and drones hit."""
 
-import pickle
-
 import numpy as np
 import pytest
 from conftest import begun, world_of
-from gymnasium import spaces
 from messages import refused
 
 import body_attack
@@ -157,25 +154,18 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("make", "fields", "said"),
         [
-            (BodyConfig, {"size_m": [0, 1, 1]}, ["body.size_m[0]", 0]),
-            (BodyConfig, {"size_m": [np.nan, 1, 1]}, ["body.size_m[0]", np.nan]),
             (BodyConfig, {"shape": "sphere", "size_m": [1, 2, 1]}, ["body.size_m", "equal"]),
             (BodyConfig, {"shape": "cylinder", "size_m": [1, 2, 1]}, ["body.size_m", "equal"]),
             (BodyConfig, {"shape": "capsule", "size_m": [1, 1, 0.5]}, ["body.size_m", "at least"]),
             (BodyConfig, {"shape": "cone"}, ["shape", "cone"]),
             (BodyConfig, {"quat_wxyz": [0, 0, 0, 0]}, ["body.quat_wxyz", "unit"]),
-            (BodyConfig, {"position_m": [1e9, 0, 0]}, ["body.position_m[0]"]),
-            (BodyConfig, {"semantic": 65533}, ["body.semantic", 65533]),
             (BodyConfig, {"name": "a b"}, ["body.name", "a b"]),
             (BodyMotion, {"kind": "waypoints"}, ["body.motion.points_m", "two points"]),
             (BodyMotion, {"kind": "waypoints", "points_m": [[0, 0, 0], [0, 0, 0]]}, ["body.motion.points_m[1]"]),
             (BodyMotion, {"kind": "hinge", "axis": [0, 0, 0]}, ["body.motion.axis"]),
             (BodyMotion, {"kind": "hinge", "axis": [1e-40, 0, 0]}, ["body.motion.axis", 1e-06]),
             (BodyMotion, {"kind": "orbit", "axis": [1e-7, 0, 0]}, ["body.motion.axis", 1e-06]),
-            (BodyMotion, {"kind": "orbit", "period_s": 0}, ["body.motion.period_s", 0]),
-            (BodyMotion, {"velocity_mps": [1e9, 0, 0]}, ["body.motion.velocity_mps[0]"]),
             (BodyMotion, {"kind": "random_walk", "box_min_m": [1, 0, 0]}, ["body.motion.box_max_m[0]"]),
-            (BodyMotion, {"speed_spread": 1}, ["body.motion.speed_spread", 1]),
             (batch_with, {"bodies": [BodyConfig()] * 3, "max_bodies": 2}, ["max_bodies", 2]),
             (batch_with, {"bodies": [], "max_bodies": 5000}, ["max_bodies", 5000]),
         ],
@@ -218,30 +208,6 @@ class TestContacts:
         assert batch.contact.hit[0]
         assert batch.contact.body[0] == -1
         assert (batch.contact.surface_velocity == 0).all()
-
-
-class Seek(flockstep.Task):
-    """Fly ahead among bodies that the task throws."""
-
-    observation_space = spaces.Box(-100, 100, (38,), np.float32)
-    lidar = flockstep.LidarConfig()
-    worlds = "train"
-    max_episode_steps = 30
-    max_bodies = 3
-    bodies = (BodyConfig(position_m=[3, 3, 1.4], motion=BodyMotion(velocity_mps=[0.3, 0.1, 0])),)
-
-    def reset(self, batch, mask):
-        super().reset(batch, mask)
-        at = batch.position[:, None] + 2 * batch.random(1, 3)[:, None] - 1
-        batch.bodies.spawn(BodyConfig(shape="sphere", size_m=[0.5] * 3), at[:, 0], velocity=-at[:, 0] / 10, mask=mask)
-
-    def step(self, batch):
-        return -batch.contact.hit.astype(float), batch.contact.hit
-
-    def observe(self, batch):
-        return np.concatenate([batch.bodies.position[:, 1], np.minimum(batch.lidar().ranges[:, 0], 3)], 1).astype(
-            np.float32
-        )
 
 
 FAST = {
@@ -287,37 +253,6 @@ def test_a_fast_body_hits_what_stands_in_its_way():
     assert hits >= 2
     batch.set_pose([[10, 10 - 3.54, 5]])  # inside the circle, on the chord of a quarter turn
     assert not any(batch.move(batch.position).hit[0] for _ in range(8))
-
-
-def flown(num_envs, steps=60, **keywords):
-    env = begun(num_envs, task=Seek(), **keywords, seed=3)
-    rows = []
-    for step in range(steps):
-        action = np.stack([np.sin([step + i, 2 * step, 3]) for i in range(num_envs)]).astype(np.float32)
-        observation, reward, *_ = env.step(action)
-        rows.append((observation.tobytes(), reward.tobytes(), env.batch.bodies.position.tobytes()))
-        rows.append(observation[0].tobytes())
-    return rows, env
-
-
-class TestBits:
-    def test_results_depend_on_neither_threads_nor_other_envs(self):
-        first, _ = flown(6, num_threads=1)
-        assert first == flown(6, num_threads=3)[0]
-        assert first[1::2] == flown(1)[0][1::2]
-
-    def test_a_restored_batch_goes_on_with_the_same_bits(self):
-        env = flown(4, 20)[1]
-        blob = env.snapshot()
-        twin = pickle.loads(pickle.dumps(env))
-        twin.reset(seed=0)
-        twin.restore(blob)
-        for step in range(40):
-            action = np.full((4, 3), np.sin(step), np.float32)
-            a, b = env.step(action), twin.step(action)
-            assert a[0].tobytes() == b[0].tobytes()
-            assert env.batch.bodies.position.tobytes() == twin.batch.bodies.position.tobytes()
-            assert env.batch.contact.body.tobytes() == twin.batch.contact.body.tobytes()
 
 
 def test_an_env_takes_bodies():

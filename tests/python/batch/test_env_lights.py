@@ -137,13 +137,6 @@ class TestSetLight:
         batch.sense()
         np.testing.assert_array_equal(batch.camera().frame_step, [0, 0, 0, 1])
 
-    def test_envs_with_equal_lights_in_a_world_share_a_copy(self):
-        batch = batch_in(loaded())
-        batch.set_light(NIGHT, envs=[0, 1, 2])
-        assert batch.world_of(0) is batch.world_of(2)
-        assert batch.world_of(0) is not batch.world_of(1)
-        assert batch.world_of(3) is batch.worlds[1]
-
     @pytest.mark.parametrize("backend", ["raycast", "gl"])
     def test_another_world_and_its_changed_light(self, backend):
         worlds = loaded()
@@ -183,19 +176,6 @@ class TestSetLight:
         made.capture()
         np.testing.assert_array_equal(batch.camera().rgb[1], made.camera().rgb[1])
         assert (batch.camera().rgb[0] != made.camera().rgb[0]).any()
-
-    @pytest.mark.parametrize("backend", ["raycast", "gl"])
-    def test_many_lights(self, backend):
-        """Copies are freed on the way; a new one at an old address is not mistaken for it. The C++ tests count them."""
-        world = loaded()[0]
-        batch = batch_in([world], backend, 3, config={"shadows": False})
-        for step in range(60):
-            light = Light(sun_color=(step / 60, 0.2, 0.5))
-            batch.set_light(light, envs=[step % 3])
-            batch.capture()
-            if step % 6 == 5:
-                expected = lit_plain(world, light, backend)
-                np.testing.assert_array_equal(batch.camera().rgb[step % 3], expected[step % 3])
 
     def test_a_larger_batch_keeps_the_lights(self):
         worlds = loaded()
@@ -257,12 +237,6 @@ class TestSetLight:
 NIGHT_IN_A_WORLD = flockstep.World.load(WORLDS[0]).with_light(**fields(NIGHT)).light
 
 
-def lit_plain(world, light, backend):
-    batch = batch_in([world.with_light(**fields(light))], backend, 3, config={"shadows": False})
-    batch.capture()
-    return batch.camera().rgb.copy()
-
-
 class TestSnapshots:
     def test_they_restore_the_lights(self):
         batch = batch_in(loaded())
@@ -309,21 +283,6 @@ class TestDrawnLights:
                 )
             )
         return [np.stack(part) for part in zip(*found, strict=True)]
-
-    @pytest.mark.parametrize("mode", ["next_step", "same_step"])
-    def test_env_i_is_the_single_env(self, mode):
-        together = self.flown(self.envs(5, num_threads=2, autoreset_mode=mode), 11)
-        for i in range(5):
-            for ours, others in zip(
-                self.flown(self.envs(1, worlds=self.world(i), num_threads=1, autoreset_mode=mode), 11 + i),
-                together,
-                strict=True,
-            ):
-                np.testing.assert_array_equal(ours[:, 0], others[:, i])
-
-    def world(self, i):
-        worlds = flockstep.scenes.load("train")
-        return worlds[i % len(worlds)]
 
     def test_the_draws(self):
         """Every light is drawn about equally often, and episodes differ."""
@@ -391,13 +350,6 @@ class TestDrawnLights:
         envs = begun(2, worlds=WORLDS[0], task=Hold)
         assert envs.batch.world_of(1).light["sun_color"] == pytest.approx(NIGHT.sun_color)
 
-    def test_recipes_and_plain_arguments(self):
-        envs = self.envs(2)
-        again = flockstep.DroneVectorEnv.from_recipe(envs.recipe.to_json())
-        assert list(again.recipe.lights) == LIGHTS
-        env = flockstep.serialization.from_plain(flockstep.serialization.to_plain(LIGHTS))
-        assert list(env) == LIGHTS
-
 
 class TestRefusals:
     @pytest.mark.parametrize(
@@ -444,14 +396,3 @@ class TestRefusals:
         ):
             with refused((ValueError, TypeError), *said):
                 make()
-
-    def test_not_from_inside_a_step(self):
-        class Relit(Still):
-            def step(self, batch):
-                batch.set_light(NIGHT, envs=0)
-                return super().step(batch)
-
-        envs = begun(2, worlds=WORLDS[0], task=Relit)
-        with refused(RuntimeError, "set_light()", "task"):
-            envs.step(np.zeros((2, 3), np.float32))
-        assert envs.batch.world_of(0) is envs.batch.worlds[0]

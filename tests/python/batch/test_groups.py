@@ -79,41 +79,6 @@ def test_the_first_drone_equals_the_single_env_until_a_teammate_ends(task: Any) 
     pytest.fail("no episode ended")
 
 
-@pytest.mark.parametrize("on_contact", ["stop", "bounce"])
-def test_each_drone_flies_as_a_batch_of_single_drones_does(on_contact: str) -> None:
-    world = world_of(
-        room={"min": [-4, -4, 0], "max": [4, 4, 3]},
-        pillars=[{"center": [1, 0], "radius": 0.3}, {"center": [-1, 1], "radius": 0.2}],
-    )
-    keywords: dict[str, Any] = {
-        "dynamics": flockstep.DynamicsConfig(motion="rotors", control="body_rates", on_contact=on_contact),
-        "lidar": flockstep.LidarConfig(channels=4, beams=32, vfov_deg=30, max_range_m=8),
-        "cameras": [flockstep.CameraConfig(width_px=16, height_px=12, outputs=["rgb", "depth"])],
-        "imu": flockstep.ImuConfig(),
-    }
-    grouped = flockstep.Batch(world, 7 * M, drones_per_env=M, block_size=2, num_threads=2, **keywords)
-    alone = flockstep.Batch(world, 7 * M, **keywords)
-    rng = np.random.default_rng(0)
-    start = rng.uniform([-2, -2, 1], [0, 0, 2], (7 * M, 3)).astype(np.float32)
-    for batch in (grouped, alone):
-        batch.set_pose(start)
-    hits = 0
-    for _ in range(40):
-        command = rng.uniform([7, -2, -2, -1], [12, 2, 2, 1], (7 * M, 4)).astype(np.float32)
-        for batch in (grouped, alone):
-            batch.fly(command, ticks=25)
-            batch.sense()
-        for name in ("position", "quat_wxyz", "velocity", "accelerometer", "gyroscope", "sensed_position"):
-            np.testing.assert_array_equal(getattr(grouped, name), getattr(alone, name), err_msg=name)
-        np.testing.assert_array_equal(grouped.lidar().ranges, alone.lidar().ranges)
-        np.testing.assert_array_equal(grouped.camera().depth, alone.camera().depth)
-        np.testing.assert_array_equal(grouped.camera().rgb, alone.camera().rgb)
-        np.testing.assert_array_equal(grouped.contact.hit, alone.contact.hit)
-        hits += int(alone.contact.hit.sum())
-    assert hits > 10
-    np.testing.assert_array_equal(grouped.tick, np.full(7, 1000))
-
-
 def test_an_episode_ends_for_all_drones_of_an_env() -> None:
     env = envs(task=flockstep.HoverConfig(), max_episode_steps=200)
     env.reset(seed=0)
@@ -368,24 +333,6 @@ def test_a_mask_that_splits_an_env_is_refused() -> None:
         env.reset(options={"reset_mask": np.ones(4, bool)})
     with refused(ValueError, "seed", 12):
         env.reset(seed=list(range(12)))
-    assert env.snapshot() == before
-
-
-@pytest.mark.parametrize("action", ["discrete", "displacement"])
-def test_an_action_too_few_or_too_many_changes_nothing(action: str) -> None:
-    env = envs(action=action, interaction="both")
-    env.reset(seed=0)
-    env.step(env.action_space.sample())
-    before = env.snapshot()
-    shape = (12,) if action == "discrete" else (12, 3)
-    for rows in (0, 1, 4, 11, 13):
-        got = (rows,) if action == "discrete" else (rows, 3)
-        with refused(ValueError, "actions", shape, got):
-            env.step(np.zeros(got, int if action == "discrete" else np.float32))
-    bad = env.action_space.sample().astype(float)
-    bad[7] = np.nan
-    with refused(ValueError, "actions"):
-        env.step(bad)
     assert env.snapshot() == before
 
 

@@ -146,20 +146,6 @@ def test_gl_goes_on_rendering(room):
     np.testing.assert_array_equal(grown.camera().depth, whole.camera().depth)
 
 
-def test_a_batch_with_a_task_does_not_grow():
-    batch = flockstep.Batch(["playground/train-1"], 2, lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig())
-    for call, said in [
-        (lambda: batch.spawn([2], [[1, 1, 1]]), ["indices (row 0)", "a batch with a task cannot grow"]),
-        (lambda: batch.spawn(position=[[1, 1, 1]]), ["position", "inactive slots"]),
-        (lambda: batch.spawn(env=[1], position=[[1, 1, 1]]), ["env (row 0)", "inactive slot"]),
-        (lambda: batch.set_lidar(beams=3), ["beams", "a batch with a task"]),
-    ]:
-        with refused(ValueError, *said):
-            call()
-    assert batch.generation == 0
-    assert batch.position.base is batch
-
-
 @pytest.mark.parametrize("sizes", [{"num_envs": 0}, {"num_envs": 3, "drones_per_env": 0}])
 def test_recipes_may_have_no_drones(sizes):
     recipe = flockstep.Recipe.from_json(json.dumps({"worlds": ["playground/train-1"], **sizes}))

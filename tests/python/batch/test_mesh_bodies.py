@@ -1,10 +1,8 @@
 """Bodies that are meshes: sensors detect their triangles, drones hit their convex hull."""
 
-import base64
 import json
 import pickle
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from messages import refused
@@ -21,7 +19,6 @@ ROOM = {
     "markers": {"start": [-3, 0, 2]},
 }
 OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal")
-IMAGES = (*OUTPUTS[1:], "rgb")
 
 
 def star(rings=12, radius=0.8):
@@ -81,12 +78,6 @@ def room():
 
 def batch_with(bodies=(), world=None, num_drones=1, **more):
     return flockstep.Batch([world or room()], num_drones, bodies=list(bodies), **more)
-
-
-def images_of(batch):
-    batch.capture()
-    camera = batch.camera()
-    return {name: np.array(getattr(camera, name)[0]) for name in OUTPUTS}
 
 
 def quat_of(turn):
@@ -279,31 +270,6 @@ class TestFiles:
         with refused(TypeError, "mesh", 3):
             BodyConfig(mesh=3)
 
-    def test_recipes_and_specifications_keep_meshes(self):
-        body = BodyConfig(shape="mesh", mesh=star_world(), position_m=[1, 1, 2])
-        envs = gym.make_vec("flockstep/LidarNavigation-v0", num_envs=2, bodies=[body])
-        recipe = envs.unwrapped.recipe
-        assert flockstep.Recipe.from_json(recipe.to_json()).bodies == [body]
-        again = gym.make_vec(envs.spec)
-        assert again.unwrapped.batch.bodies.config(1, 0) == body
-        assert json.loads(envs.spec.to_json())["kwargs"]["bodies"]
-
-    def test_snapshots_keep_spawned_meshes(self):
-        lidar = LidarConfig(beams=36, hfov_deg=360, max_range_m=8)
-        batch = batch_with(num_drones=3, max_bodies=2, lidar=lidar)
-        body = BodyConfig(shape="mesh", mesh=star_world(), position_m=[0, 0, 2])
-        assert batch.bodies.spawn(body, velocity=[[0.5, 0, 0]] * 3).tolist() == [0, 0, 0]
-        batch.sense()
-        other = batch_with(num_drones=3, max_bodies=2, lidar=lidar)
-        other.restore(batch.snapshot())
-        assert other.bodies.config(1, 0) == body
-        for each in (batch, other):
-            for _ in range(3):
-                each.move(each.position)
-            each.sense()
-        np.testing.assert_array_equal(other.bodies.position, batch.bodies.position)
-        np.testing.assert_array_equal(other.lidar().ranges, batch.lidar().ranges)
-
     def test_a_picture_of_a_drone_becomes_a_world(self):
         vertices, triangles, _ = star()
         colors = np.random.default_rng(1).uniform(0, 1, (len(triangles), 3))
@@ -318,69 +284,12 @@ class TestFiles:
         assert len(np.unique(batch.camera().rgb[0][shows], axis=0)) > 50
 
 
-def test_threads_and_numbers_of_envs_do_not_change_images():
-    camera = CameraConfig(width_px=48, height_px=48, outputs=OUTPUTS, shadows=True)
-    bodies = [
-        BodyConfig(
-            shape="mesh",
-            mesh=star_world(),
-            position_m=[x, 0, 2],
-            motion=BodyMotion(turn_rate_dps=[0, 40, 30], velocity_mps=[0, 0.4, 0]),
-        )
-        for x in (-0.5, 1.5)
-    ]
-
-    def flown(envs, threads):
-        batch = batch_with(bodies, num_drones=envs, cameras=[camera], num_threads=threads)
-        batch.set_pose(np.float32([[-3, 0.1 * env, 2] for env in range(envs)]))
-        for _ in range(4):
-            batch.move(batch.position)
-        batch.capture()
-        return {name: np.array(getattr(batch.camera(), name)) for name in OUTPUTS}
-
-    many = flown(6, 1)
-    for name, images in flown(6, 2).items():
-        np.testing.assert_array_equal(images, many[name])
-    for name, images in flown(2, 1).items():
-        np.testing.assert_array_equal(images, many[name][:2])
-
-
-def gltf_of(nodes, roots, **extras):
-    """Return a glTF file with one mesh, the star, and these nodes."""
-    vertices, triangles, _ = star()
-    data = np.ascontiguousarray(vertices).tobytes() + triangles.astype(np.uint32).tobytes()
-    lowest, highest = vertices.min(0).tolist(), vertices.max(0).tolist()
-    return json.dumps(
-        {
-            "asset": {"version": "2.0"},
-            "scene": 0,
-            "scenes": [{"nodes": roots, **extras}],
-            "nodes": nodes,
-            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
-            "materials": [{"name": "paint", "pbrMetallicRoughness": {"baseColorFactor": [0.2, 0.5, 0.9, 1]}}],
-            "accessors": [
-                {
-                    "bufferView": 0,
-                    "componentType": 5126,
-                    "type": "VEC3",
-                    "count": len(vertices),
-                    "min": lowest,
-                    "max": highest,
-                },
-                {"bufferView": 1, "componentType": 5125, "type": "SCALAR", "count": triangles.size},
-            ],
-            "bufferViews": [
-                {"buffer": 0, "byteOffset": 0, "byteLength": vertices.nbytes},
-                {"buffer": 0, "byteOffset": vertices.nbytes, "byteLength": 4 * triangles.size},
-            ],
-            "buffers": [
-                {
-                    "byteLength": len(data),
-                    "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode(),
-                }
-            ],
-        }
-    )
+def write_gltf(path, nodes, roots):
+    """Write a glTF file with one mesh, the star, and these nodes."""
+    builder = flockstep.WorldBuilder()
+    builder.mesh(*star()[:2], builder.material("paint", (0.2, 0.5, 0.9)))
+    builder.build().save(path)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"nodes": nodes, "scenes": [{"nodes": roots}]}))
 
 
 def turned_node(body=None, **more):
@@ -402,7 +311,7 @@ def test_a_node_of_a_gltf_file_is_a_body_by_its_extras(tmp_path):
     for name, body in (("still", None), ("living", {"name": "car", "motion": motion})):
         node = turned_node(body, children=[1])
         nodes = [node, child, {"mesh": 0, "translation": [0, 30, 0]}]
-        (tmp_path / f"{name}.gltf").write_text(gltf_of(nodes, [0, 2]))
+        write_gltf(tmp_path / f"{name}.gltf", nodes, [0, 2])
     lidar = LidarConfig(channels=60, vfov_deg=170, beams=180, hfov_deg=360, max_range_m=20)
     for options in ({}, {"scale": 0.5, "origin": [1, 2, 3]}, {"up": "z"}):
         still = World.load(tmp_path / "still.gltf", **options)
@@ -429,7 +338,7 @@ def test_a_node_of_a_gltf_file_is_a_body_by_its_extras(tmp_path):
 
 def test_bodies_of_equal_nodes_share_their_mesh(tmp_path):
     nodes = [turned_node({}), turned_node({}, translation=[9, 0, 0]), turned_node({}, scale=[1, 1, 1])]
-    (tmp_path / "cars.gltf").write_text(gltf_of([*nodes, {"mesh": 0}], [0, 1, 2, 3]))
+    write_gltf(tmp_path / "cars.gltf", [*nodes, {"mesh": 0}], [0, 1, 2, 3])
     world = World.load(tmp_path / "cars.gltf")
     assert world.bodies[0].mesh is world.bodies[1].mesh
     assert world.bodies[0].mesh is not world.bodies[2].mesh
@@ -452,6 +361,6 @@ def test_bodies_of_equal_nodes_share_their_mesh(tmp_path):
 )
 def test_a_bad_body_of_a_gltf_file_is_refused(tmp_path, nodes, said):
     roots = [0, len(nodes)]
-    (tmp_path / "bad.gltf").write_text(gltf_of([*nodes, {"mesh": 0}], roots))
+    write_gltf(tmp_path / "bad.gltf", [*nodes, {"mesh": 0}], roots)
     with refused(ValueError, *said):
         World.load(tmp_path / "bad.gltf")

@@ -8,7 +8,6 @@ import pytest
 from conftest import begun, world_of
 from messages import refused
 from scipy.spatial.transform import Rotation
-from simple_tasks import Still
 
 import flockstep
 
@@ -279,29 +278,6 @@ class TestPicture:
             np.testing.assert_array_equal(batch.picture(0), frame)
         assert drawn > 100
 
-    def test_a_wall_hides_the_line(self):
-        """A wall at x = 5; the line passes behind it, then in front of it, and beside it."""
-        wall = world_of(room={"min": [-20] * 3, "max": [20] * 3}, boxes=[{"center": [5, 0, 0], "size": [0.1, 4, 4]}])
-        batch = batch_of([wall], width_px=320, height_px=240)
-        path = [[7, -6, 0.5], [7, 6, 0.5], [3, 6, -0.5], [3, -6, -0.5]]
-        draw(batch, path)
-        batch.set_pose([[0, 0, 0]] * 2, mask=[True, False])
-        batch.capture()
-        picture, frame = batch.picture(0), batch.camera().rgb[0]
-        config = batch.camera().config
-        behind, _ = covered(path[:2], config, np.zeros(3), [1, 0, 0, 0])
-        front, _ = covered(path[1:], config, np.zeros(3), [1, 0, 0, 0])
-        inside = np.isclose(batch.camera().depth[0], 4.95, atol=1e-3)
-        for share in (behind[inside], behind[~inside], front[inside]):
-            assert (share > 0.5).sum() > 20
-        border = np.zeros(inside.shape, bool)  # a pixel's ray to the line is not the ray through its centre
-        for axis in (0, 1):
-            for way in (-2, -1, 1, 2):
-                border |= np.roll(inside, way, axis) != inside
-        share = np.maximum(front, np.where(inside, 0, behind))
-        sure = ~border
-        expect_drawn(picture[sure], frame[sure], share[sure])
-
     @pytest.mark.parametrize("scene", ["playground/train-1", "outdoor/forest", "indoor/office"])
     def test_scenes_hide_lines_as_their_depth_says(self, scene):
         """In whole scenes, with markers, meshes and masked leaves: a line shows where it is nearer than the frame."""
@@ -358,17 +334,6 @@ class TestPicture:
         batch.set_camera(hfov_deg=50)
         with refused(ValueError, "index", "not stale"):
             batch.picture(0)
-
-    def test_not_from_inside_a_step(self):
-        class Watched(Still):
-            def step(self, batch):
-                batch.picture(0)
-                return super().step(batch)
-
-        camera = flockstep.CameraConfig(width_px=20, height_px=10)
-        envs = begun(2, worlds="playground/train-1", task=Watched, camera=camera)
-        with refused(RuntimeError, "picture()", "task"):
-            envs.step(np.zeros((2, 3), np.float32))
 
     def test_ten_thousand_points_take_less_than_a_second(self):
         batch = batch_of(num_drones=4, drones_per_env=4, width_px=640, height_px=480)

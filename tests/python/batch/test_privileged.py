@@ -129,21 +129,15 @@ def test_a_row_for_an_env_has_those_of_all_its_drones():
     assert np.unique(expected).size == 12
 
 
-def test_they_follow_set_params_and_snapshots():
+def test_they_follow_set_params():
     env = hover(privileged="mass_scale", max_episode_steps=100)
     env.reset(seed=0)
-    still = np.zeros(env.action_space.shape, np.float32)
-    snapshot = env.snapshot()
-    expected = env.step(still)[0]
-    other = hover(privileged="mass_scale", max_episode_steps=100, num_threads=2)
-    other.restore(snapshot)
-    np.testing.assert_array_equal(other.step(still)[0], expected)
     params = env.batch.params.copy()
     params[:, parameter_names.index("mass_scale")] = 1.25
     env.batch.set_params(params)
-    assert (env.step(still)[0][:, -1] == 0.25).all()
+    assert (env.step(np.zeros(env.action_space.shape, np.float32))[0][:, -1] == 0.25).all()
     with refused(ValueError, "snapshot"):
-        hover(privileged="stretch[0]", max_episode_steps=100).restore(snapshot)
+        hover(privileged="stretch[0]", max_episode_steps=100).restore(env.snapshot())
 
 
 def test_the_learner_keeps_them_from_the_policy():

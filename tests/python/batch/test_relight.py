@@ -73,10 +73,7 @@ def test_a_light_of_ones_own() -> None:
         ({"tint": (1, -1, 1)}, ["tint[1]", 0, 10, -1]),
         ({"tint": (1, np.nan, 1)}, ["tint[1]", np.nan]),
         ({"tint": (1, 2)}, ["tint", "(N, 3)", (1, 2)]),
-        ({"gamma": 0.5}, ["light.gamma", 1, 4, 0.5]),
         ({"sun_direction": (0, 0, 0)}, ["light.sun_direction", (0, 0, 0)]),
-        ({"sun_color": (np.inf, 0, 0)}, ["light.sun_color[0]", 100, np.inf]),
-        ({"fog_visibility_m": 0.01}, ["light.fog_visibility_m", 0.1, 0.01]),
     ],
 )
 def test_an_invalid_light(arguments: dict[str, Any], said: list[Any]) -> None:

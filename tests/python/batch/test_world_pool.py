@@ -1,18 +1,14 @@
 """World pools: the drawn worlds, the same bits for any build time, and the state after failures."""
 
-import copy
 import math
-import pickle
 import random
 import time
 
-import gymnasium
 import numpy as np
 import pytest
 from conftest import begun, world_of
 from messages import refused
 from philox import uniform
-from test_bitwise import actions_of, episodes, history
 
 import flockstep
 from flockstep import World, WorldPool
@@ -58,20 +54,6 @@ def fly(batch, steps):
         batch.step([4] * batch.num_drones)
 
 
-class Cross(flockstep.Task):
-    """Fly to the goal, in Python."""
-
-    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (4,), np.float32)
-    max_episode_steps = 7
-    lidar = LIDAR
-
-    def step(self, batch):
-        return -batch.terms.goal_distance(), batch.contact.hit.copy()
-
-    def observe(self, batch):
-        return np.column_stack([batch.terms.goal_direction(), batch.terms.goal_distance()]).astype(np.float32)
-
-
 # --------------------------------------------------------------------------------------------------------- drawn worlds
 
 
@@ -114,97 +96,11 @@ def test_a_curriculum_gets_harder():
 # -------------------------------------------------------------------------------------------------------- the same bits
 
 
-@pytest.fixture(scope="module", params=["next_step", "same_step"])
-def wide(request):
-    mode = request.param
-    run = history(WorldPool(hall, 24, 0.5), 64, autoreset_mode=mode)
-    assert (run["terminated"] | run["truncated"]).sum() > 120
-    assert run["crashed"].sum() > 5
-    assert len(np.unique(run["world_index"])) > 20
-    return mode, run
-
-
-@pytest.mark.parametrize("num_drones", [1, 10])
-def test_env_i_of_few_is_env_i_of_many(wide, num_drones):
-    mode, many = wide
-    few = history(WorldPool(hall, 24, 0.5), num_drones, autoreset_mode=mode)
-    np.testing.assert_equal(few, {name: rows[:, :num_drones] for name, rows in many.items()})
-
-
-@pytest.mark.parametrize("arguments", [{"num_threads": 2}, {"block_size": 3, "num_threads": 2}, {"block_size": 1}])
-def test_threads_and_blocks_do_not_matter(wide, arguments):
-    mode, run = wide
-    np.testing.assert_equal(history(WorldPool(hall, 24, 0.5), 64, autoreset_mode=mode, **arguments), run)
-
-
-@pytest.mark.parametrize("threads", [1, 3])
-def test_the_time_that_worlds_take_does_not_matter(wide, threads):
-    mode, run = wide
-    pool = WorldPool(hall_at_leisure, 24, 0.5, threads=threads)
-    np.testing.assert_equal(history(pool, 64, autoreset_mode=mode, num_threads=2), run)
-
-
-@pytest.mark.parametrize("own_task", [False, True])
-def test_autoreset_modes_agree_except_in_reset_rows(own_task):
-    def run(mode):
-        arguments = {"task": Cross()} if own_task else {"random_start": True}
-        pool = WorldPool(hall_at_leisure, 9, 1.0)
-        env = flockstep.DroneVectorEnv(5, worlds=pool, autoreset_mode=mode, max_episode_steps=7, **arguments)
-        wave = np.random.default_rng(1).uniform(-1, 1, (5, 99, 99, 3))
-        return episodes(env, 5, lambda i, e, s: wave[i, e, s] if own_task else int(6 * abs(wave[i, e, s, 0])))
-
-    first_starts, first_rows = run("next_step")
-    assert min(len(starts) for starts in first_starts) > 8
-    for mode in ("same_step", "disabled"):
-        starts, rows = run(mode)
-        for i in range(5):
-            for a, b in zip(first_starts[i], starts[i], strict=False):
-                np.testing.assert_array_equal(a, b)
-            for (obs_a, *rest_a), (obs_b, *rest_b) in zip(first_rows[i], rows[i], strict=False):
-                np.testing.assert_array_equal(obs_a, obs_b)
-                assert rest_a == rest_b
-
-
-def flight(num_drones, worlds, **arguments):
-    """Positions, accelerations and worlds of rotor-driven drones near the ground, which begin often."""
-    batch = make(
-        num_drones,
-        worlds,
-        task=flockstep.HoverConfig(start_offset_m=0.3),
-        drone=flockstep.DroneModel.load("crazyflie"),
-        dynamics=flockstep.DynamicsConfig(motion="rotors", control="rotor_thrusts", ground_effect=True),
-        clock=flockstep.ClockConfig(policy_hz=50),
-        **arguments,
-    )
-    batch.reset(np.arange(num_drones) + 5)
-    rows = []
-    for actions in actions_of(64)[:40, :num_drones]:
-        batch.step(actions)
-        rows.append([a.copy() for a in (batch.position, batch.acceleration, batch.observation, batch.world_index)])
-    return [np.stack(arrays) for arrays in zip(*rows, strict=True)]
-
-
 def pad(number):
     """A hall whose floor height depends on the number, with the drone just above the floor."""
     z = 0.1 * (number % 7)
     room, markers = {"min": [-4, -4, z], "max": [4, 4, 5]}, {"goal": [0.1 * number, 0, z + 0.35]}
     return world_of(name=f"pad-{number}", room=room, markers=markers)
-
-
-@pytest.mark.parametrize("pool", [True, False])
-def test_drones_that_fly_by_rotors_keep_their_bits(pool):
-    """Those that begin together in different worlds get the ground effect of their own world."""
-
-    def flown(num_drones, **arguments):
-        worlds = WorldPool(pad, 12, 0.5) if pool else [pad(k) for k in range(12)]
-        return flight(num_drones, worlds, random_world=not pool, **arguments)
-
-    many = flown(64)
-    assert len(np.unique(many[3])) > (12 if pool else 11)
-    for num_drones, arguments in ((3, {}), (64, {"num_threads": 2, "block_size": 5}), (64, {"block_size": 1})):
-        if pool or num_drones == 64:  # of a list, env i of a few has other worlds
-            for a, b in zip(many, flown(num_drones, **arguments), strict=True):
-                np.testing.assert_array_equal(a[:, :num_drones], b)
 
 
 def test_pictures_are_of_the_world_that_a_drone_is_in():
@@ -305,45 +201,6 @@ def test_drones_of_an_env_are_in_the_world_that_its_episode_draws(episodes, mode
     assert max(seen) == 1 if episodes == "each" else max(seen) >= 3
 
 
-@pytest.mark.parametrize("episodes", ["each", "last"])
-def test_separate_ends_keep_their_bits_with_a_pool(episodes, mode):
-    """Neither threads nor blocks nor the time that worlds take nor other envs matter."""
-
-    def run(make_world, num_envs=5, **arguments):
-        envs = team(WorldPool(make_world, 9, 0.7, threads=2), episodes, mode, num_envs, **arguments)
-        names = ("observation", "reward", "terminated", "truncated", "episode_end", "active", "flying", "position")
-        return [[getattr(envs.batch, name).copy() for name in names] for _ in flown(envs)]
-
-    whole = run(hall)
-    for other in (run(hall_at_leisure), run(hall_at_leisure, num_threads=3), run(hall, 2)):
-        for rows, others in zip(whole, other, strict=True):
-            for a, b in zip(rows, others, strict=True):
-                np.testing.assert_array_equal(a[: len(b)], b)
-
-
-@pytest.mark.parametrize("episodes", ["each", "last"])
-def test_snapshots_of_separate_ends_continue_in_their_worlds(episodes, mode):
-    envs, other = (team(WorldPool(hall_at_leisure, 9, 1.0), episodes, mode) for _ in range(2))
-    other.reset(seed=70)
-    kept = rests = 0
-    for step, _ in enumerate(flown(envs, 60)):
-        if step % 3:
-            continue
-        blob = envs.snapshot()
-        np.testing.assert_array_equal(other.restore(blob), envs.observation())
-        np.testing.assert_array_equal(other.batch.world_index, envs.batch.world_index)
-        assert other.snapshot() == blob
-        rests += envs.batch.finished.any()
-        actions = np.full((5 * M, 3), 0.9, np.float32)
-        one, two = pickle.loads(pickle.dumps(envs)), other
-        for _ in range(12):
-            np.testing.assert_equal(one.step(actions)[:4], two.step(actions)[:4])
-        assert one.snapshot() == two.snapshot()
-        kept += 1
-    assert kept > 10
-    assert (rests > 3) == (episodes == "last")
-
-
 # ------------------------------------------------------------------------------------------------------------ snapshots
 
 
@@ -363,20 +220,6 @@ def test_a_snapshot_of_other_worlds_is_refused():
             make(pool=pool).restore(one.snapshot())
     with refused(ValueError, "snapshot"):
         make(pool=[hall(0)]).restore(one.snapshot())
-
-
-def test_copies_and_pickles_go_on_as_the_env_does():
-    envs = begun(4, worlds=WorldPool(hall, 8, 1.0), max_episode_steps=3, seed=3)
-    for _ in range(7):
-        envs.step([0] * 4)
-    twins = [copy.deepcopy(envs), pickle.loads(pickle.dumps(envs))]
-    for _ in range(7):
-        observation = envs.step([1] * 4)[0]
-        for twin in twins:
-            np.testing.assert_array_equal(twin.step([1] * 4)[0], observation)
-    made = gymnasium.make_vec("flockstep/LidarNavigation-v0", num_envs=4, worlds=WorldPool(hall, 8, 1.0))
-    made.reset(seed=3)
-    assert made.batch.world_index.tolist() == [number_of(3 + i, 0, 8, 1.0) for i in range(4)]
 
 
 # ------------------------------------------------------------------------------------------------------------- failures

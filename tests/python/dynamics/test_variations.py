@@ -84,81 +84,18 @@ def test_a_drone_flies_as_a_body_that_is_made_so(name):
     assert np.abs(states_of(plain_batch) - expected).max() > 0.01  # the parameters matter
 
 
-def test_single_rotors_lose_thrust():
-    share = [0.9, 1.0, 1.05, 0.8]
-    batch = batch_of(plain(), variations=constants(rotor_thrust_scale=share))
+@pytest.mark.parametrize(("name", "speed"), [("kingfisher", 1000.0), ("f550", 500.0)])
+def test_single_rotors_lose_thrust(name, speed):
+    body = Body([plain(name)])
+    share = np.array([0.9, 1.0, 1.05, 0.8, 0.95, 0.7])[: len(body.hub[0])]
+    laws = vary(**{f"rotor_thrust_scale[{k}]": float(value) for k, value in enumerate(share)})
+    batch = batch_of(plain(name), variations=laws)
     batch.set_pose([[0, 0, 5]], None)
-    batch.fly(np.full((1, 4), 1000.0), ticks=1)
-    body = Body([plain()])
-    thrust = body.thrust(np.full((1, 4), 1000.0))[0] * share
+    batch.fly(np.full((1, len(share)), speed), ticks=1)
+    thrust = body.thrust(np.full((1, len(share)), speed))[0] * share
     assert batch.acceleration[0, 2] == pytest.approx(thrust.sum() / body.mass[0, 0] - GRAVITY, rel=1e-5)
     turning = np.cross(body.hub[0], np.outer(thrust, [0, 0, 1])).sum(0) / body.inertia[0]
     np.testing.assert_allclose(batch.angular_velocity[0, :2], turning[:2] / 500, rtol=1e-4)
-
-
-LAWS = {
-    "mass_scale": (0.8, 1.2),
-    "stretch": (0.9, 1.1),
-    "rotor_thrust_scale": (0.95, 1.05),
-    "lag_up_scale": (0.6, 1.5),
-    "rate_gain_scale": (0.7, 1.4),
-    "velocity_gain_scale": (0.8, 1.2),
-    "push_mps2": uniform(-0.5, 0.5, when="interval", interval_s=0.05),
-    "wind_mps": (-1.0, 1.0),
-    "battery_used": (0.0, 0.9),
-    "battery_fall": 0.2,
-    "battery_sag": 0.05,
-    "dead_from_s": choice([0.3, 1e6]),
-    "dead_rotor": uniform(0, 3.99, when="start"),
-    "action_delay_s": (0.0, 0.03),
-    "action_jitter_s": 0.012,
-    "action_loss": 0.1,
-}
-
-
-def flown(num, steps=40, seed=3, drones=slice(None), **fields):
-    """States after each step of hovering drones whose numbers all differ; those of some drones."""
-    envs = flockstep.DroneVectorEnv(
-        num_envs=num, task=flockstep.HoverConfig(), variations=vary(**LAWS), max_episode_steps=13, **fields
-    )
-    envs.reset(seed=seed)
-    rng = np.random.default_rng(5)
-    states = []
-    for _ in range(steps):
-        envs.step(rng.uniform(-0.3, 0.3, (128, 4)).astype(np.float32)[:num])
-        states.append(
-            np.concatenate([states_of(envs.batch), envs.batch.params, envs.batch.battery[:, None]], axis=1)[drones]
-        )
-    envs.close()
-    return np.stack(states)
-
-
-def test_bits_depend_on_neither_threads_nor_neighbours():
-    whole = flown(100)
-    np.testing.assert_array_equal(flown(100, num_threads=2, block_size=7), whole)
-    np.testing.assert_array_equal(flown(21), whole[:, :21])
-    assert len(np.unique(whole[-1, :, 20:], axis=0)) == 100
-
-
-def test_a_snapshot_restores_drones_that_differ():
-    def make():
-        envs = flockstep.DroneVectorEnv(
-            num_envs=20, task=flockstep.HoverConfig(), variations=vary(**LAWS), max_episode_steps=13
-        )
-        envs.reset(seed=1)
-        return envs
-
-    first, second = make(), make()
-    actions = np.random.default_rng(2).uniform(-1, 1, (40, 20, 4)).astype(np.float32)
-    for action in actions[:20]:
-        first.step(action)
-    second.batch.restore(first.batch.snapshot())
-    for action in actions[20:]:
-        first.step(action)
-        second.step(action)
-        np.testing.assert_array_equal(states_of(first.batch), states_of(second.batch))
-    for envs in (first, second):
-        envs.close()
 
 
 def test_draws_follow_their_laws():
@@ -250,15 +187,17 @@ def test_wind_is_added():
     np.testing.assert_array_equal(batch.wind, [[3.0, -1.0, 0.0]])
 
 
-def test_a_battery_is_used_up_and_rotors_slow_down():
+@pytest.mark.parametrize("name", ["kingfisher", "f550", "naki"])
+def test_a_battery_is_used_up_and_rotors_slow_down(name):
+    """Hovering empties it in its life, whatever the number of rotors."""
     values = {"battery_life_s": 20.0, "battery_fall": 0.3, "battery_used": 0.1}
-    batch = batch_of(plain(lag_up_s=0.0), variations=constants(**values))
+    batch = batch_of(plain(name, lag_up_s=0.0), variations=constants(**values))
     batch.set_pose([[0, 0, 500]], None)
     hover = batch.rotor_speed[0, 0]
     used = 0.1
     for _ in range(500):
         power = (float(batch.rotor_speed[0, 0]) / hover) ** 3
-        batch.fly(np.full((1, 4), hover))
+        batch.fly(np.full((1, batch.num_rotors), hover))
         used += power * 0.01 / 20
     assert batch.battery[0] == pytest.approx(used, rel=1e-4)
     assert batch.rotor_speed[0, 0] == pytest.approx(hover * (1 - 0.3 * used), rel=1e-5)
@@ -281,15 +220,23 @@ def test_a_rotor_dies():
     np.testing.assert_allclose(batch.rotor_speed[0], hover * np.array([1, 1, np.exp(-0.1 / 0.05), 1]), rtol=1e-5)
 
 
-@pytest.mark.parametrize("control", ["rotor_speeds", "body_rates", "velocity", "attitude"])
-def test_a_command_takes_effect_when_it_arrives(control):
-    middle = {"rotor_speeds": 1050, "body_rates": [10, 0, 0, 0], "velocity": 0, "attitude": [10, 0, 0, 0]}[control]
-    spread = {"rotor_speeds": 100, "body_rates": 1, "velocity": 1, "attitude": 0.2}[control]
-    rng = np.random.default_rng(4)
-    commands = (np.broadcast_to(middle, 4) + rng.uniform(-spread, spread, (30, 1, 4))).astype(np.float32)
+@pytest.mark.parametrize(
+    ("name", "control", "middle", "spread"),
+    [
+        ("kingfisher", "rotor_speeds", [1050] * 4, 100),
+        ("f550", "rotor_speeds", [550] * 6, 100),
+        ("kingfisher", "body_rates", [10, 0, 0, 0], 1),
+        ("kingfisher", "velocity", [0] * 4, 1),
+        ("kingfisher", "attitude", [10, 0, 0, 0], 0.2),
+    ],
+)
+def test_a_command_takes_effect_when_it_arrives(name, control, middle, spread):
+    commands = middle + np.random.default_rng(4).uniform(-spread, spread, (30, 1, len(middle))).astype(np.float32)
     for delay in (0.004, 0.010, 0.026):
-        late = batch_of(frame(), control=control, variations=constants(action_delay_s=delay))
-        twin = batch_of(frame(), control=control, variations=constants(rate_gain_scale=1.0))
+        late, twin = (
+            batch_of(frame(name), control=control, variations=constants(**values))
+            for values in ({"action_delay_s": delay}, {"rate_gain_scale": 1.0})
+        )
         ticks = round(delay * 500)
         for batch in (late, twin):
             batch.set_pose([[0, 0, 50]], None)

@@ -125,25 +125,6 @@ def test_drones_start_free_in_many_warehouses():
         start_free(World.warehouse(seed, size_m=(26 + 2 * seed, 16 + 2 * seed), height_m=5 + seed % 5), seed)
 
 
-@ALL
-def test_threads_and_company_change_no_bits(name):
-    camera = flockstep.CameraConfig(width_px=32, height_px=24, outputs=("rgb", "depth"), shadows=True)
-    actions = np.random.default_rng(0).integers(0, 6, (8, 8))
-    world = small(name, 3)
-
-    def flown(envs, first=0, count=8, **how):
-        batch = flockstep.DroneVectorEnv(count, worlds=world, camera=[camera], random_start=True, **how)
-        observation, _ = batch.reset(seed=first)
-        seen = [observation]
-        for row in actions:
-            seen.append(batch.step(row[first : first + count])[0])
-        return np.stack(seen)[:, envs], batch.batch.camera().rgb[envs].copy(), batch.batch.camera().depth[envs].copy()
-
-    expected = flown(slice(3, 6), num_threads=1)
-    for other in (flown(slice(3, 6), num_threads=2), flown(slice(0, 3), 3, 3, num_threads=1)):
-        np.testing.assert_equal(other, expected)
-
-
 NAN = float("nan")
 
 
