@@ -15,6 +15,7 @@ from gymnasium import spaces
 import flockstep
 from flockstep.rotations import rotate
 from flockstep.task import Array, BoolArray, Target
+from hover_numpy import fly_both
 
 TRIES = 64  # random positions to try
 FAR_GOAL_M = 10.0
@@ -131,30 +132,16 @@ class Dodge(flockstep.Task):
 
 
 def main() -> None:
-    """Fly the engine's task and this one with the same random actions."""
+    """Fly the engine's task and this one side by side."""
     config = flockstep.DodgeConfig()
     ball = flockstep.BodyConfig(shape="sphere", size_m=[1, 1, 1], position_m=[7, 7, 1.4])
     balls = []
     for velocity in ([0.5, 0.3, 0], [-0.4, 0.1, 0], [0.2, -0.6, 0], [-0.1, 0.4, 0]):
         ball.motion = flockstep.BodyMotion(velocity_mps=velocity)
         balls.append(copy.copy(ball))
-    engine = flockstep.DroneVectorEnv(35, task=config, bodies=balls)
-    assert engine.lidar is not None
-    twin = flockstep.DroneVectorEnv(35, task=Dodge(config, engine.lidar), bodies=balls)
-    engine.reset(seed=0)
-    twin.reset(seed=0)
-    engine.action_space.seed(0)
-    worst_observation = worst_reward = 0.0
-    for _ in range(2000):
-        actions = engine.action_space.sample()
-        a, b = engine.step(actions), twin.step(actions)
-        worst_observation = max(worst_observation, float(np.abs(a[0] - b[0]).max()))
-        worst_reward = max(worst_reward, float(np.abs(a[1] - b[1]).max()))
-        assert (a[2] == b[2]).all()
-        assert (a[3] == b[3]).all()
-    print(
-        f"70,000 steps, flags the same: observations within {worst_observation:.1e}, rewards within {worst_reward:.1e}"
-    )
+    lidar = flockstep.DroneVectorEnv(task=config).lidar
+    assert lidar is not None
+    fly_both(config, Dodge(config, lidar), 35, bodies=balls)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,9 @@ python examples/hover_numpy.py flies both side by side with the same actions and
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from gymnasium import spaces
 
@@ -126,27 +129,33 @@ class Hover(FlightTask):
         return np.concatenate([batch.terms.to_body(self.middle(batch)), self.own_flight(batch)], axis=1)
 
 
-def fly_both(config: flockstep.HoverConfig | flockstep.TrackConfig, twin_task: FlightTask) -> None:
-    """Fly the engine's task and its twin with the same random actions, and print their differences."""
-    engine, twin = (flockstep.DroneVectorEnv(64, task=task) for task in (config, twin_task))
+def fly_both(
+    config: object,
+    twin_task: flockstep.Task,
+    num_envs: int = 64,
+    actions_of: Callable[[Array], Array] | None = None,
+    **keywords: Any,
+) -> None:
+    """Fly the engine's task and its twin with the same actions, random by default, and print their differences."""
+    engine, twin = (flockstep.DroneVectorEnv(num_envs, task=task, **keywords) for task in (config, twin_task))
     engine.reset(seed=0)
     twin.reset(seed=0)
     engine.action_space.seed(0)
     worst_observation = worst_reward = 0.0
     episodes = 0
     for _ in range(1000):
-        actions = engine.action_space.sample()
+        actions = actions_of(engine.batch.observation) if actions_of else engine.action_space.sample()
         engine.step(actions)
         twin.step(actions)
         a, b = engine.batch, twin.batch
         worst_observation = max(worst_observation, float(np.abs(a.observation - b.observation).max()))
         worst_reward = max(worst_reward, float(np.abs(a.reward - b.reward).max()))
-        ended = a.terminated | a.truncated
-        assert (ended == (b.terminated | b.truncated)).all()
-        episodes += int(ended.sum())
+        assert (a.terminated == b.terminated).all()
+        assert (a.truncated == b.truncated).all()
+        episodes += int((a.terminated | a.truncated).sum())
     print(
-        f"{type(twin_task).__name__}: 64,000 steps, {episodes} episodes that end alike: observations within "
-        f"{worst_observation:.1e}, rewards {worst_reward:.1e}"
+        f"{type(twin_task).__name__}: {1000 * engine.num_envs:,} steps, {episodes} episodes that end alike: "
+        f"observations within {worst_observation:.1e}, rewards {worst_reward:.1e}"
     )
 
 

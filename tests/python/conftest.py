@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
+import importlib
 import logging
 import os
 import signal
@@ -111,21 +111,11 @@ def playgrounds() -> list[flockstep.World]:
     return flockstep.scenes.load("train")
 
 
-@pytest.fixture(scope="session")
-def example() -> Callable[[str], ModuleType]:
+@pytest.fixture
+def example(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], ModuleType]:
     """Import a script of examples/ by name."""
-
-    def load(name: str) -> ModuleType:
-        if name not in sys.modules:
-            spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
-            assert spec is not None
-            assert spec.loader is not None
-            module = importlib.util.module_from_spec(spec)
-            sys.modules[name] = module
-            spec.loader.exec_module(module)
-        return sys.modules[name]
-
-    return load
+    monkeypatch.syspath_prepend(str(ROOT / "examples"))
+    return importlib.import_module
 
 
 @pytest.fixture(params=["blocking", "asyncio"])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import begun
 from messages import refused
+from twins import both, fly_beside
 
 import flockstep
 from flockstep.rotations import rotate
@@ -22,6 +23,7 @@ WEIGHTED = flockstep.NavigationReward(
     step_scale=50.0,
 )
 ATOL = 2e-4  # of observations: a beam that grazes a pillar amplifies the rounding of a pose
+CENTIMETRES = {"rtol": 1e-5, "atol": 3e-3}  # of rewards: of float32 positions
 
 
 def homing(batch, rng, kind):
@@ -51,36 +53,21 @@ def homing(batch, rng, kind):
     "reward", [flockstep.NavigationReward(), WEIGHTED, OVERSHOOT], ids=["thesis", "weighted", "overshoot"]
 )
 def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, reward, mode):
-    worlds = [room, closet, *playgrounds]
     lidar = flockstep.LidarConfig()
     config = flockstep.NavigationConfig(action=kind, reward=reward)
-    twin_task = example("navigation_numpy").Navigation(config, lidar)
-    arguments = {"worlds": worlds, "lidar": lidar, "autoreset_mode": mode, "max_episode_steps": 120, "num_threads": 1}
-    engine = flockstep.DroneVectorEnv(28, action=kind, reward=reward, **arguments)
-    twin = flockstep.DroneVectorEnv(28, task=twin_task, **arguments)
+    arguments = {"worlds": [room, closet, *playgrounds], "lidar": lidar, "autoreset_mode": mode}
+    task = example("navigation_numpy").Navigation(config, lidar)
+    engine, twin = both(28, config, task, max_episode_steps=120, **arguments)
     rng = np.random.default_rng(0)
-    np.testing.assert_allclose(engine.reset(seed=0)[0], twin.reset(seed=0)[0], atol=1e-6)
     crashed = succeeded = 0
-    for _ in range(400):
-        actions = homing(engine.batch, rng, kind)
-        ours, theirs = engine.step(actions), twin.step(actions)
-        ended = ours[2] | ours[3]
-        np.testing.assert_allclose(ours[0], theirs[0], atol=ATOL)
-        np.testing.assert_allclose(ours[1], theirs[1], rtol=1e-5, atol=3e-3)  # centimetres of float32 positions
-        np.testing.assert_array_equal(ours[2], theirs[2])
-        np.testing.assert_array_equal(ours[3], theirs[3])
-        np.testing.assert_allclose(engine.batch.reward_terms, twin.batch.reward_terms, rtol=1e-5, atol=3e-3)
-        assert ours[4].keys() == theirs[4].keys()
-        infos, expected = (s[4].get("final_info", s[4]) for s in (ours, theirs))
+    beside = fly_beside(engine, twin, lambda _: homing(engine.batch, rng, kind), 400, atol=ATOL, rewards=CENTIMETRES)
+    for ours, ended in beside:
+        infos = ours[4].get("final_info", ours[4])
         if ended.any():
-            for key in ("episode_length", "success", "crashed", "episode_end"):
-                np.testing.assert_array_equal(infos[key], expected[key])
-            np.testing.assert_allclose(infos["episode_return"], expected["episode_return"], rtol=1e-5, atol=0.5)
+            expected = twin.batch.episode_return[ended]
+            np.testing.assert_allclose(infos["episode_return"][ended], expected, rtol=1e-5, atol=0.5)
             crashed += infos["crashed"].sum()
             succeeded += infos["success"].sum()
-        if mode == "disabled" and ended.any():
-            options = {"reset_mask": ended}
-            np.testing.assert_allclose(engine.reset(options=options)[0], twin.reset(options=options)[0], atol=ATOL)
         # Otherwise float32 rounding would let the two drift apart.
         twin.batch.set_pose(engine.batch.position, engine.batch.quat_wxyz, ~ended)
     assert crashed > 10
@@ -126,26 +113,18 @@ def test_a_task_in_python_has_the_same_episodes(room, closet, playgrounds, examp
     lidar, config = flockstep.LidarConfig(), flockstep.NavigationConfig()
     arguments = {"worlds": [room, closet, *playgrounds], "lidar": lidar, "autoreset_mode": mode, "num_threads": 2}
     arguments |= {"max_episode_steps": 40, "frame_skip": 3, "stagger_first_episode": True, "random_world": True}
-    engine = flockstep.DroneVectorEnv(32, **arguments)
-    twin = flockstep.DroneVectorEnv(32, task=example("navigation_numpy").Navigation(config, lidar), **arguments)
-    np.testing.assert_allclose(engine.reset(seed=5)[0], twin.reset(seed=5)[0], atol=1e-6)
+    engine, twin = both(32, config, example("navigation_numpy").Navigation(config, lidar), **arguments)
     rng = np.random.default_rng(1)
     lengths, worlds = set(), set()
-    for _ in range(120):
-        actions = np.where(rng.random(32) < 0.5, 0, rng.integers(6, size=32))
-        ours, theirs = engine.step(actions), twin.step(actions)
-        np.testing.assert_allclose(ours[0], theirs[0], atol=ATOL)
-        np.testing.assert_allclose(ours[1], theirs[1], rtol=1e-5, atol=3e-3)
-        ended = ours[2] | ours[3]
-        np.testing.assert_array_equal(ours[2], theirs[2])
-        np.testing.assert_array_equal(ours[3], theirs[3])
+
+    def actions_of(_):
+        return np.where(rng.random(32) < 0.5, 0, rng.integers(6, size=32))
+
+    for _, ended in fly_beside(engine, twin, actions_of, 120, atol=ATOL, rewards=CENTIMETRES):
         np.testing.assert_array_equal(engine.batch.world_index, twin.batch.world_index)
         np.testing.assert_array_equal(engine.batch.episode_length, twin.batch.episode_length)
         lengths |= set(engine.batch.episode_length[ended].tolist())
         worlds |= set(engine.batch.world_index.tolist())
-        if mode == "disabled" and ended.any():
-            options = {"reset_mask": ended}
-            np.testing.assert_allclose(engine.reset(options=options)[0], twin.reset(options=options)[0], atol=ATOL)
     assert len(lengths) > 10
     assert len(worlds) == 7
 

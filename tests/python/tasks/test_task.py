@@ -18,27 +18,6 @@ import flockstep
 from flockstep.testing import check_vector_env
 
 
-def test_statistics_of_episodes(room):
-    env = flockstep.DroneVectorEnv(2, worlds=room, task=Climb())
-    observation, _ = env.reset(seed=0)
-    bonus = observation[:, 3].astype(float)
-    up, down = np.float32([0, 0, 1]), np.float32([0, 0, -0.5])
-    rewards, ended = [], None
-    for i in range(12):
-        _, reward, terminated, truncated, infos = env.step(np.stack([up, down]))
-        rewards.append(reward)
-        assert terminated.tolist() == [i in (3, 8), False]  # the step after the end resets
-        assert truncated.tolist() == [False, i == 11]
-        if i == 3:
-            ended = infos
-    assert ended["success"].tolist() == [True, False]
-    assert ended["crashed"].tolist() == [False, False]
-    assert ended["episode_length"].tolist() == [4, 0]
-    np.testing.assert_allclose(ended["episode_return"], [1.0 + 4 * bonus[0], 0], rtol=1e-6)
-    assert infos["episode_length"].tolist() == [0, 12]
-    np.testing.assert_allclose(infos["episode_return"][1], np.sum(rewards, axis=0)[1], rtol=1e-5)
-
-
 class TestWhatATaskReports:
     @pytest.mark.parametrize("frame_skip", [1, 2])
     def test_ends_infos_and_terms(self, room, mode, frame_skip):
@@ -82,24 +61,6 @@ class TestWhatATaskReports:
         assert truncated
 
 
-def test_images_are_observations(closet):
-    class Looker(Climb):
-        camera = flockstep.CameraConfig(width_px=8, height_px=6, layout="chw", outputs=("rgb", "depth"))
-        observation_space = spaces.Dict(
-            image=spaces.Box(0, 255, (3, 6, 8), np.uint8), depth=spaces.Box(0, np.inf, (6, 8), np.float32)
-        )
-
-        def observe(self, batch):
-            return {"image": batch.camera().rgb, "depth": batch.camera().depth}
-
-    check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=closet, task=Looker(), num_threads=1))
-    env = flockstep.DroneVectorEnv(2, worlds=closet, task=Looker())
-    observation, _ = env.reset(seed=0)
-    assert observation["image"].dtype == np.uint8
-    assert observation["image"].any()
-    np.testing.assert_array_equal(observation["depth"], env.batch.camera().depth)
-
-
 def test_steps_and_flying_are_what_they_say(room):
     class Probe(Climb):
         def step(self, batch):
@@ -128,12 +89,6 @@ def test_own_tasks_observe_with_a_lidar_of_their_own(room):
     kept = observation.copy()
     env.step(np.ones((2, 3), np.float32))
     np.testing.assert_array_equal(observation, kept)  # even though observe() returned a view
-
-
-def test_a_task_names_its_worlds(room, closet):
-    task = type("AtHome", (Climb,), {"worlds": [room, closet]})
-    assert flockstep.DroneVectorEnv(2, task=task).batch.worlds == [room, closet]
-    assert flockstep.DroneVectorEnv(2, task=task, worlds=closet).batch.worlds == [closet]
 
 
 def test_a_task_declares_frame_skip_and_random_world(room, closet):

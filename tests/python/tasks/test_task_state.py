@@ -11,61 +11,6 @@ import flockstep
 from flockstep.testing import CHECKS, check_vector_env
 
 
-class TestSnapshot:
-    @pytest.fixture(params=["engine", "python"])
-    def make(self, request, room):
-        def make(**arguments):
-            if request.param == "python":
-                return flockstep.DroneVectorEnv(5, worlds=room, task=Climb(), **arguments)
-            return flockstep.DroneVectorEnv(
-                5,
-                **{
-                    "worlds": room,
-                    "action": "displacement",
-                    "max_episode_steps": 12,
-                    "random_start": True,
-                    **arguments,
-                },
-            )
-
-        return make
-
-    def test_restored_equals_uninterrupted(self, make, mode):
-        one, other = make(autoreset_mode=mode), make(autoreset_mode=mode)
-        rng = np.random.default_rng(0)
-        last = one.reset(seed=0)
-        for i in range(60):
-            if i % 7 == 3:
-                other = make(autoreset_mode=mode)
-                observation = other.restore(one.snapshot())
-                np.testing.assert_array_equal(observation, last[0])
-            actions = rng.uniform(-1, 1, (5, 3)).astype(np.float32)
-            last = one.step(actions)
-            if i >= 3:
-                np.testing.assert_equal(last[:4], other.step(actions)[:4])
-            ended = last[2] | last[3]
-            if mode == "disabled" and ended.all():
-                last = one.reset()
-                if i >= 3:
-                    np.testing.assert_array_equal(last[0], other.reset()[0])
-
-    def test_is_refused_by_another_configuration(self, make):
-        env = make()
-        env.reset(seed=0)
-        for other in (make(autoreset_mode="same_step"), make(max_episode_steps=13)):
-            other.reset(seed=1)
-            before = other.snapshot()
-            with refused(ValueError, "snapshot"):
-                other.restore(env.snapshot())
-            assert other.snapshot() == before
-
-    def test_invalid_snapshots_are_refused(self, make):
-        env = make()
-        env.reset(seed=0)
-        with refused(ValueError, "snapshot"):
-            env.restore(b"nonsense")
-
-
 class TestBadStates:
     """A non-finite value ends the episode of its env and affects no other env."""
 

@@ -223,13 +223,6 @@ class TestBodyFrame:
         expected = rotate(batch.sensed_quat_wxyz, batch.velocity, inverse=True)
         np.testing.assert_array_equal(batch.terms.body_velocity(), expected)
 
-    def test_of_each_drone_of_an_env(self):
-        batch = flockstep.Batch([HALL], 6, drones_per_env=3)
-        random_poses(batch)
-        points = np.random.default_rng(0).uniform(-9, 9, (6, 3)).astype(np.float32)
-        expected = rotate(batch.quat_wxyz, points - batch.position, inverse=True)
-        np.testing.assert_array_equal(batch.terms.to_body(points), expected)
-
     def test_refusals(self, batch):
         for points, match in (
             (None, ("points", 3, "None")),

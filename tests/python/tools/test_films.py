@@ -306,7 +306,6 @@ def test_both_fly_from_the_first_unseen_seed_and_are_filmed(tmp_path, monkeypatc
 
 
 def test_the_path_is_drawn_where_the_twin_says(by_controller, example):
-    example("hover_numpy")  # the other one imports it
     twin = example("track_numpy").Track(flockstep.TrackConfig())
     envs = begun(1, task=twin, seed=SEED)
     path = np.array([twin.path(envs.batch, step / 100)[0][0] for step in range(1001)])
