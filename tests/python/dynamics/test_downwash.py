@@ -115,35 +115,6 @@ class TestEquations:
             lost = max(lost, 1 - expected.min())
         assert lost > 0.15
 
-    @pytest.mark.parametrize("control", ["rotor_speeds", "position"])
-    def test_below_a_hovering_drone(self, control):
-        """The lower one of two drones that hover begins to sink by a loss of thrust in closed form."""
-        data = plain("x500")
-        hubs, length, _ = geometry(data)
-        aside = np.hypot(*hubs[0, :2]) / length
-        for s in (0.5, 1, 3, 10, 25):
-            at = np.array([[0, 0, 0], [0, 0, -s * length]])
-            command = np.full((2, 4), hover_speed(data)) if control == "rotor_speeds" else np.c_[at, [0, 0]]
-            batch = placed(swarm(data, 2, control=control, rotor_lag=False), at)
-            batch.fly(command, ticks=1)
-            assert batch.acceleration[0, 2] == pytest.approx(0, abs=1e-4)
-            assert batch.acceleration[1, 2] == pytest.approx(-LOSS * jet(np.array(s), aside) * GRAVITY, rel=1e-3)
-
-    def test_a_drone_beside_the_axis_tilts_towards_it(self):
-        data = plain("x500")
-        length = geometry(data)[1]
-        batch = placed(swarm(data, 2), [[0, 0, 0], [0.5 * length, 0, -2 * length]])
-        batch.fly(np.full((2, 4), hover_speed(data)), ticks=1)
-        assert batch.angular_acceleration[1, 1] < -1  # the rotors at -x lose more
-        assert abs(batch.angular_acceleration[1, 0]) < 1e-3
-        assert not np.any(np.abs(batch.angular_acceleration[0]) > 1e-3)
-
-    def test_stopped_rotors_make_no_wash(self):
-        data = frame("x500", min_speed_radps=0.0)
-        batch = placed(swarm(data, 2), [[0, 0, 0], [0, 0, -1]], speed=[[0.0] * 4, [hover_speed(data)] * 4])
-        batch.fly([[0.0] * 4, [hover_speed(data)] * 4], ticks=1)
-        assert batch.acceleration[1, 2] == pytest.approx(0, abs=1e-3)
-
     @pytest.mark.parametrize("name", FRAMES)
     def test_the_jet_has_the_momentum_of_the_thrust(self, name):
         """Its flux of momentum is about the thrust, so the length of the fit is the distance of opposite hubs."""
@@ -220,18 +191,6 @@ class TestBounds:
             batch.fly(speed)
         assert np.isfinite(rows(batch)).all()
 
-    def test_many_jets_add_their_momenta(self):
-        """Four drones at one point make a jet of twice the velocity."""
-        data = plain("x500")
-        length = geometry(data)[1]
-        lost = []
-        for above in (1, 4):
-            position = np.zeros((above + 1, 3))
-            position[-1, 2] = -12 * length
-            batch = placed(swarm(data, above + 1), position)
-            lost.append(1 - measured(batch, data, np.full((above + 1, 4), hover_speed(data)))[-1].mean())
-        assert lost[1] == pytest.approx(2 * lost[0], rel=5e-3)
-
 
 class TestInvariance:
     DATA = frame("x500", rotor_inertia_kgm2=5e-6, drag_n_per_radps_mps=[1e-4, 1.2e-4, 5e-5])
@@ -255,13 +214,6 @@ class TestInvariance:
     def test_the_wash_matters_here(self):
         on, off = self.fly(self.begun(3)), self.fly(self.begun(3, downwash=False))
         assert np.abs(on.position - off.position).max() > 0.05
-
-    def test_threads_blocks_and_other_envs(self):
-        expected = rows(self.fly(self.begun(5))).reshape(5, 9, -1)
-        for arguments in ({"num_threads": 3, "block_size": 1}, {"num_threads": 2, "block_size": 23}):
-            np.testing.assert_array_equal(rows(self.fly(self.begun(5, **arguments))).reshape(5, 9, -1), expected)
-        for env in range(5):
-            np.testing.assert_array_equal(rows(self.fly(self.begun(1, seeds=[env]))), expected[env])
 
     def test_numbers_of_the_drones(self):
         order = np.random.default_rng(2).permutation(9)
@@ -348,17 +300,6 @@ class TestInvariance:
 
 
 class TestInterface:
-    @pytest.mark.parametrize("value", [np.nan, np.inf, -1, 2, 0.5, "yes", None])
-    def test_other_values_are_refused(self, value):
-        with refused((ValueError, TypeError), "downwash"):
-            flockstep.DynamicsConfig(motion="rotors", downwash=value)
-
     def test_kinematic_motion_is_refused(self):
         with refused(ValueError, "downwash", "True"):
             flockstep.Batch(dynamics=flockstep.DynamicsConfig(downwash=True))
-
-    def test_recipes(self):
-        recipe = flockstep.Recipe()
-        recipe.dynamics = flockstep.DynamicsConfig(motion="rotors", downwash=True)
-        assert flockstep.Recipe.from_json(recipe.to_json()).dynamics.downwash
-        assert not flockstep.DynamicsConfig().downwash

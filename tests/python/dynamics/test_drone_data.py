@@ -100,19 +100,6 @@ def test_what_has_no_source_is_left_out(frame):
                 assert field not in (frame[group] if group else frame), part
 
 
-def test_numbers(frame):
-    rotors = frame["rotors"]
-    triples = [frame["inertia_kgm2"], size(frame), *frame.get("hull_m", []), rotors["thrust_n"], *rotors["position_m"]]
-    triples += [*frame.get("drag", {}).values(), rotors.get("drag_n_per_radps_mps", [0, 0, 0])]
-    assert all(len(triple) == 3 and all(math.isfinite(x) for x in triple) for triple in triples)
-    assert min(*size(frame), *frame["inertia_kgm2"], frame["mass_kg"]) > 0
-    assert all(x >= 0 for triple in frame.get("drag", {}).values() for x in triple)
-    assert all(x >= 0 for x in rotors.get("drag_n_per_radps_mps", []))
-    assert 0 < rotors["lag_up_s"] <= rotors["lag_down_s"] < 0.2
-    for field in ("min_speed_radps", "inertia_kgm2", "lift_n_per_mps2"):
-        assert rotors.get(field, 0) >= 0, field
-
-
 def test_rotors_are_in_our_order_and_balance(frame):
     places = frame["rotors"]["position_m"]
     signs = [[math.copysign(1, x) for x in place[:2]] for place in places]
@@ -171,17 +158,6 @@ def test_drag_at_5_mps_is_a_part_of_the_weight(frame):
         linear, quadratic = (drag.get(field, [0, 0])[axis] for field in ("linear_n_per_mps", "quadratic_n_per_mps2"))
         force = (rotors + linear) * 5 + quadratic * 5**2
         assert (0.01 if frame["name"] == "naki" else 0.05) < force / (frame["mass_kg"] * GRAVITY) < 0.25
-
-
-def test_thrust_grows_and_carries_the_drone(frame):
-    low, high = frame["rotors"].get("min_speed_radps", 0), frame["rotors"]["max_speed_radps"]
-    speeds = [low + (high - low) * part / 100 for part in range(101)]
-    thrusts = [thrust(frame, speed) for speed in speeds]
-    assert thrusts[0] >= 0
-    assert thrusts == sorted(thrusts)
-    assert thrust_to_weight(frame) > 1
-    assert low < hover_speed(frame) < high
-    assert rotors_of(frame) * thrust(frame, hover_speed(frame)) == pytest.approx(frame["mass_kg"] * GRAVITY)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from conftest import world_of
 from rigid_body import FULL, MIDDLE, Start, batch_of, rows_of
 
 
@@ -49,29 +48,6 @@ def test_same_bits(control, integrator):
     for told in commands_of(control, 20):
         small.fly(told)
     np.testing.assert_array_equal(bits(small), bits(wide)[:20])
-
-
-@pytest.mark.parametrize("mode", ["terminate", "stop", "bounce"])
-def test_same_bits_among_obstacles(mode):
-    """Some drones of a block hit walls, others do not: each flies the same bits as in its own batch."""
-    room = world_of(room={"min": [-1.4] * 3, "max": [1.4] * 3})
-    settings = {"worlds": [room], "on_contact": mode}
-    wide = begun("velocity", 37, num_threads=3, block_size=5, **settings)
-    copy = begun("velocity", 37, **settings)
-    alone = [begun("velocity", drone + 1, **settings) for drone in (0, 17, 36)]
-    hit = np.zeros(37, bool)
-    for step, told in enumerate(np.tile(commands_of("velocity", 37), (5, 1, 1))):
-        if step == 20:
-            copy.restore(wide.snapshot())
-        hit |= wide.fly(told).hit
-        if step >= 20:
-            copy.fly(told)
-        for batch in alone:
-            batch.fly(told[: batch.num_drones], mask=np.arange(batch.num_drones) == batch.num_drones - 1)
-    assert 0.2 < hit.mean() < 0.9
-    np.testing.assert_array_equal(bits(copy), bits(wide))
-    for batch in alone:
-        np.testing.assert_array_equal(bits(batch)[-1], bits(wide)[batch.num_drones - 1])
 
 
 @pytest.mark.parametrize("control", MIDDLE)

@@ -14,7 +14,6 @@ from flockstep.client import ServerError
 from flockstep.variations import vary
 
 NAMES = ["f550", "naki"]
-START = np.float32([[2, 4, 2], [2, 4.5, 2], [3, 2, 1], [6, 6, 3]])
 every_frame = pytest.mark.parametrize("name", NAMES)
 FIVE = {  # askew, with five rotors
     **{"position_m": [[0.1, 0.0, 0.01], [0.03, 0.1, 0], [-0.08, 0.06, 0], [-0.08, -0.06, 0.02], [0.03, -0.1, 0]]},
@@ -34,29 +33,6 @@ def wrench(data, speed):
         thrust = rotors["thrust_n"][2] * w**2
         total += [thrust, y * thrust, -x * thrust, (1 if spin == "cw" else -1) * rotors["torque_ratio_m"] * thrust]
     return total
-
-
-def accelerations(data, speed, **fields):
-    """Vertical and angular acceleration in the first tick of level drones at rest with these rotor speeds (N, R)."""
-    batch = batch_of(data, len(speed), **fields)
-    batch.set_pose(np.zeros((len(speed), 3)), None)
-    batch.set_velocity(None, None, speed)
-    batch.fly(speed, ticks=1)
-    return batch.acceleration[:, 2] + GRAVITY, batch.angular_velocity * 500
-
-
-@every_frame
-def test_thrust_and_torque(name):
-    """At hover speed the thrust is the weight, without torque; at any speeds it is the sum over the rotors."""
-    data = plain(name)
-    hover, count = flockstep.DroneModel.load(name).hover_speed_radps, len(data["rotors"]["spin"])
-    rng = np.random.default_rng(0)
-    speed = np.concatenate([np.full((1, count), hover), hover * rng.uniform(0.8, 1.2, (20, count))]).astype(np.float32)
-    lift, turning = accelerations(data, speed)
-    expected = np.array([wrench(data, row) for row in speed.astype(float)])
-    np.testing.assert_allclose(expected[0], [data["mass_kg"] * GRAVITY, 0, 0, 0], atol=1e-5)
-    np.testing.assert_allclose(lift, expected[:, 0] / data["mass_kg"], rtol=1e-5)
-    np.testing.assert_allclose(turning, expected[:, 1:] / data["inertia_kgm2"], rtol=1e-3, atol=1e-3)
 
 
 @pytest.mark.parametrize("integrator", ["midpoint", "rk4"])
@@ -95,22 +71,6 @@ def test_mixer_has_the_least_sum_of_squares(name):
     )
     assert target[0] == pytest.approx(1.1 * data["mass_kg"] * GRAVITY, rel=1e-5)
     np.testing.assert_allclose(found, best.x, rtol=1e-4)
-
-
-@every_frame
-def test_yaw_is_mirrored(name):
-    """Yaw to the left and to the right: the mirror image exchanges the rotors that turn either way."""
-    batch = batch_of(frame(name), 2, control="body_rates")
-    batch.set_pose(np.zeros((2, 3)), None)
-    for _ in range(50):
-        batch.fly([[GRAVITY, 0, 0, 1.0], [GRAVITY, 0, 0, -1.0]])
-    assert batch.angular_velocity[0, 2] > 0.5
-    np.testing.assert_allclose(batch.angular_velocity[0], -batch.angular_velocity[1], atol=1e-4)
-    np.testing.assert_allclose(batch.position[0, :2], 0, atol=1e-3)
-    hubs, spins = np.array(frame(name)["rotors"]["position_m"]), frame(name)["rotors"]["spin"]
-    for rotor, (hub, spin) in enumerate(zip(hubs, spins, strict=True)):
-        (mirrored,) = (k for k, other in enumerate(hubs) if np.allclose(other, hub * [1, -1, 1]) and spins[k] != spin)
-        assert batch.rotor_speed[0, rotor] == pytest.approx(batch.rotor_speed[1, mirrored], rel=1e-4)
 
 
 ASKED = [[1e3, 0, 0, 0], [-1e3, 0, 0, 0], [9.81, 50, 0, 0], [9.81, 0, -50, 50], [30, 9, 9, 9]]
@@ -211,16 +171,6 @@ def test_absent_rotors_stay_absent():
     assert not batch.rotor_speed[:, 4:].any()
 
 
-def test_single_rotors_lose_thrust():
-    share = np.array([0.9, 1.0, 1.05, 0.8, 0.95, 0.7])
-    laws = vary(**{f"rotor_thrust_scale[{k}]": float(value) for k, value in enumerate(share)})
-    speed = np.full((1, 6), 500.0)
-    lift, turning = accelerations(plain("f550"), speed, variations=laws)
-    expected = wrench(plain("f550"), 500.0 * np.sqrt(share))
-    assert lift[0] == pytest.approx(expected[0] / 2.0, rel=1e-5)
-    np.testing.assert_allclose(turning[0, :2], expected[1:3] / plain("f550")["inertia_kgm2"][:2], rtol=1e-4)
-
-
 def test_rotors_that_no_drone_has_are_not_drawn():
     whole = batch_of(FULL, 8, variations=vary(rotor_thrust_scale=(0.9, 1.1)))
     first = flockstep.parameter_names.index("rotor_thrust_scale[0]")
@@ -231,34 +181,6 @@ def test_rotors_that_no_drone_has_are_not_drawn():
     drawn = several.params[:, first : first + 8]
     assert len(set(drawn.ravel())) == 64
     np.testing.assert_array_equal(drawn[:, :4], scales[:, :4])
-
-
-def test_a_battery_lasts_as_long():
-    """Hovering empties a battery in its life, whatever the number of rotors."""
-    used = []
-    for name in ("f450", "f550", "naki"):
-        batch = batch_of(plain(name), variations=vary(battery_life_s=100.0, battery_fall=0.001))
-        batch.set_pose([[0, 0, 50]], None)
-        hover = np.full((1, batch.num_rotors), batch.drone.hover_speed_radps)
-        for _ in range(100):
-            batch.fly(hover)
-        used.append(float(batch.battery[0]))
-    np.testing.assert_allclose(used, 0.01, rtol=1e-2)
-
-
-def test_commands_may_be_late():
-    batches = [
-        batch_of(plain("f550"), control="rotor_speeds", variations=laws) for laws in ([], vary(action_delay_s=0.02))
-    ]
-    commands = np.random.default_rng(3).uniform(400, 700, (10, 1, 6))
-    seen = []
-    for batch, after in zip(batches, (0, 2), strict=True):
-        batch.set_pose([[0, 0, 50]], None)
-        for told in commands[: 10 - 2 + after] if after == 0 else commands:
-            batch.fly(told)
-        seen.append(batch.rotor_speed[0].copy())
-    np.testing.assert_allclose(seen[1], seen[0], rtol=1e-6)
-    np.testing.assert_allclose(seen[0], commands[7, 0], rtol=1e-6)
 
 
 @every_frame
@@ -374,33 +296,45 @@ def test_files_scale_and_come_back(name):
     assert len(mesh.triangles) > 100 * drone.num_rotors
 
 
-def test_flying_by_six_rotors(room, connect):
-    dynamics = flockstep.DynamicsConfig(motion="rotors", control="rotor_speeds")
-    batches = [placed([room], START, drone="f550", dynamics=dynamics) for _ in range(2)]
-    speeds = np.float32([[500, 520, 540, 560, 550, 530]] * 4)
+@pytest.mark.parametrize(
+    ("drone", "control", "command"),
+    [("racer5", "velocity", [0.5, 0, 0.2, 0]), ("f550", "rotor_speeds", [500, 520, 540, 560, 550, 530])],
+)
+def test_clients_fly_by_rotors(room, connect, drone, control, command):
+    arguments = {"drone": drone, "dynamics": flockstep.DynamicsConfig(motion="rotors", control=control)}
+    served_batch, batch = (placed([room], [[2, 4, 2], [3, 2, 1], [6, 6, 3]], **arguments) for _ in range(2))
+    command, mask = np.float32([command] * 3), np.array([True, False, True])
 
-    def check():
-        np.testing.assert_array_equal(batches[0].position, batches[1].position)
-        np.testing.assert_array_equal(client.get_arrays(["rotor_speed"])["rotor_speed"], batches[1].rotor_speed)
+    def flies_as(*arguments, **keywords):
+        batch.fly(*arguments, **keywords)
+        np.testing.assert_array_equal(served_batch.position, batch.position)
+        np.testing.assert_array_equal(client.get_arrays(["rotor_speed"])["rotor_speed"], batch.rotor_speed)
 
-    with served(batches[0], connect) as client:
-        assert (client.info.control, client.info.num_rotors) == ("rotor_speeds", 6)
-        client.fly(speeds, ticks=50)
-        batches[1].fly(speeds, 50)
-        check()
-        client.set_command(speeds)
-        client.drone(2).set_command(speeds[0] + 10)
+    with served(served_batch, connect) as client:
+        assert client.info.flies_by_rotors
+        assert (client.info.control, client.info.num_rotors) == (control, batch.num_rotors)
+        client.fly(command, ticks=50)
+        flies_as(command, 50)
+        client.fly(command, control=control, mask=mask.tolist())
+        flies_as(command, mask=mask)
+        client.set_command(command)
         client.step()
-        speeds[2] += 10
-        batches[1].fly(speeds)
-        check()
-        level = np.float32([[1, 0, 0, 0]] * 4)
-        client.set_command(level, control="velocity")
+        flies_as(command)
+        command[2] += 10 if drone == "f550" else 0.1
+        client.drone(2).set_command(command[2])
         client.step()
-        batches[1].fly(level, control="velocity")
-        check()
-        for bad in (speeds[:, :4], speeds[:2]):
-            with refused(ServerError, "command", (4, 6), bad.shape):
+        flies_as(command)
+        level = np.float32([[1, 0, 0, 0]] * 3)
+        client.set_command(level, control="heading_velocity")
+        client.step()
+        flies_as(level, control="heading_velocity")
+        for bad in (command[:, :3], command[:2]):
+            with refused(ServerError, "command", command.shape, bad.shape):
                 client.fly(bad)
-        with refused(ServerError, "command", (1, 6), (1, 4)):
-            client.drone(0).set_command(level[0], control="rotor_thrusts")
+        with refused(ServerError, "command", command[:1].shape, (1, 3)):
+            client.drone(0).set_command(command[0, :3], control=control)
+        with refused(ServerError, "control"):
+            client.fly(command, control="telepathy")
+        with refused(ServerError, "rotors"):
+            client.drone(0).set_location((1, 1, 1))
+        client.drone(0).set_location((2, 4, 2), teleport=True)

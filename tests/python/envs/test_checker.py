@@ -129,15 +129,6 @@ def broken(base=Counter, **members):
     return type("Broken", (base,), members)
 
 
-def wrapping(method, change):
-    """A method that calls the good one and changes its result."""
-
-    def replacement(self, *args, **kwargs):
-        return change(self, getattr(super(type(self), self), method)(*args, **kwargs))
-
-    return replacement
-
-
 def on_step(change, base=Counter):
     def step(self, actions):
         return change(self, *base.step(self, actions))

@@ -126,23 +126,6 @@ def test_a_recipe_from_outside_builds_a_limited_number_of_worlds() -> None:
     assert len(flockstep.DroneVectorEnv(1, worlds="playground/seed-0..1").batch.worlds) == 2
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ('{"taks": null}', ("recipe", "taks", "Did you mean task?")),
-        ('{"clock": {"policy_hx": 5}}', ("clock.policy_hx", "policy_hz")),
-        ('{"num_envs": 1.5}', ("num_envs", 1.5)),
-        ('{"flockstep_recipe": 2, "fog": 1}', ("recipe: /flockstep_recipe", 1, 2, "newer flockstep")),
-        ('{"flockstep_recipe": "1"}', ("recipe: /flockstep_recipe", '"1"')),
-        ('{"task": {"name": "hover"}', ("recipe",)),
-        ("", ("recipe",)),
-    ],
-)
-def test_mistakes_are_refused_by_their_place(text: str, said: tuple[Any, ...]) -> None:
-    with refused(ValueError, *said):
-        flockstep.Recipe.from_json(text)
-
-
 def test_worlds_given_as_objects_are_not_in_the_recipe() -> None:
     world = scenes.load_one("playground/train-1")
     envs = flockstep.DroneVectorEnv(2, worlds=world)

@@ -127,17 +127,6 @@ def test_a_film_shows_the_other_drones_of_the_env(room):
         assert (frames[0] != frames[1]).any() == (drones == 2)
 
 
-def test_a_task_of_several_drones_is_filmed_with_all_of_them(tmp_path):
-    rows = set()
-
-    def straight(observation):
-        rows.add(len(observation))
-        return observation[:, :2]
-
-    assert flockstep.record(tmp_path / "a.gif", straight, "flockstep/Swap-v0", steps=3, render_size=(64, 48)) == 4
-    assert rows == {8}
-
-
 def test_a_model_and_a_task_of_ones_own(room, tmp_path):
     class Model:
         def predict(self, observation, deterministic):

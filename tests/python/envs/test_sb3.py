@@ -105,18 +105,20 @@ def test_is_a_direct_vec_env(make):
     assert envs.render_mode is None
 
 
-def test_steps_agree_with_the_gymnasium_env(make, closet):
-    envs = make()
-    plain = gymnasium.make_vec(ID, 6, worlds=closet, max_episode_steps=10, num_threads=1, autoreset_mode="same_step")
+@pytest.mark.parametrize("env_id", [ID, "flockstep/CameraPixels-v0"])
+def test_steps_agree_with_the_gymnasium_env(closet, env_id):
+    keywords = {"worlds": closet, "max_episode_steps": 10, "num_threads": 1}
+    envs = flockstep.sb3.make_vec(env_id, 6, **keywords)
+    plain = gymnasium.make_vec(env_id, 6, autoreset_mode="same_step", **keywords)
     envs.seed(3)
-    np.testing.assert_array_equal(envs.reset(), plain.reset(seed=3)[0])
+    np.testing.assert_equal(envs.reset(), plain.reset(seed=3)[0])
     rng = np.random.default_rng(0)
     ends = 0
     for _ in range(100):
-        actions = rng.integers(6, size=6)
+        actions = rng.integers(envs.action_space.n, size=6)
         observation, reward, done, infos = envs.step(actions)
         expected = plain.step(actions)
-        np.testing.assert_array_equal(observation, expected[0])
+        np.testing.assert_equal(observation, expected[0])
         np.testing.assert_array_equal(reward, expected[1])
         np.testing.assert_array_equal(done, expected[2] | expected[3])
         assert len(infos) == 6
@@ -126,7 +128,7 @@ def test_steps_agree_with_the_gymnasium_env(make, closet):
                 continue
             ends += 1
             final = expected[4]["final_info"]
-            np.testing.assert_array_equal(infos[i]["terminal_observation"], expected[4]["final_obs"][i])
+            np.testing.assert_equal(infos[i]["terminal_observation"], expected[4]["final_obs"][i])
             assert infos[i]["TimeLimit.truncated"] == expected[3][i]
             assert infos[i]["is_success"] == final["success"][i]
             assert infos[i]["episode"]["r"] == final["episode_return"][i]
@@ -145,23 +147,6 @@ def test_the_infos_list_and_rewards_are_the_callers(make):
     _, _, _, second = envs.step(np.zeros(6, int))
     assert second[0] == {}
     np.testing.assert_array_equal(first_reward, kept + 100)
-
-
-def test_rewards_are_scaled_and_reports_are_not(make):
-    plain, scaled = make(), make(reward_scale=0.25)
-    for envs in (plain, scaled):
-        envs.seed(3)
-        envs.reset()
-    rng = np.random.default_rng(0)
-    ends = 0
-    for _ in range(50):
-        actions = rng.integers(6, size=6)
-        one, other = plain.step(actions), scaled.step(actions)
-        np.testing.assert_array_equal(0.25 * one[1], other[1])
-        for i in np.flatnonzero(one[2]):
-            ends += 1
-            assert other[3][i]["episode"]["r"] == one[3][i]["episode"]["r"]
-    assert ends > 5
 
 
 def test_seeds_are_taken_once(make, room):

@@ -27,7 +27,6 @@ from flockstep import PPO
 from flockstep.learning.sources import EngineSource, VectorEnvSource
 
 SB3 = stable_baselines3.PPO
-REFUSED = "expected a model that PPO.save wrote"
 # Most rollouts of these tests are smaller than a minibatch.
 pytestmark = pytest.mark.filterwarnings("ignore:batch_size. expected at most:UserWarning")
 # --- keywords of Stable-Baselines3
@@ -319,13 +318,6 @@ def test_reward_scale_trains_and_is_not_reported():
     with_scale, without = (PPO("MlpPolicy", hover(reward_scale=scale), **SMALL).learn(128) for scale in (0.01, 1.0))
     assert np.abs(with_scale.learner.rewards).max() < np.abs(without.learner.rewards).max()
     assert [end["r"] for end in with_scale.ep_info_buffer] == [end["r"] for end in without.ep_info_buffer]
-
-
-def test_drones_that_share_an_env_train():
-    env = hover(4, drones_per_env=3)
-    model = PPO("MlpPolicy", env, **SMALL).learn(8 * 12 * 2)
-    assert model.n_envs == 12
-    assert {end["l"] for end in model.ep_info_buffer} == {7}
 
 
 # --- acting

@@ -54,24 +54,6 @@ def test_the_viewer_moves_past_obstacles_that_end_where_the_motion_ends():
 
 
 @DRONES
-def test_the_drone_is_where_it_projects_to(room, drone):
-    for position in [(2, 2.5, 2), (5, 6, 1), (7.4, 7.5, 3.7), (0.6, 0.5, 0.3)]:
-        batch = placed([dim(room)], [position], drone=drone)
-        view = ThirdPersonView(batch)
-        image = view.frame(0)
-        assert (image.shape, image.dtype) == ((480, 640, 3), np.uint8)
-        batch.remove([0])
-        seen = changed(image, view.frame(0))
-        if drone is HULL:
-            assert mask_of(image, "hull")[seen].mean() > 0.9  # the rest are averaged edges
-        rows, columns = np.nonzero(seen)
-        ((x, y, _),) = viewed(room, position).project(np.array([position], float))
-        assert len(rows) > 500
-        assert (rows == int(y))[columns == int(x)].any()
-        assert np.hypot(columns.mean() - x, rows.mean() - y) < 0.2 * np.ptp(columns)
-
-
-@DRONES
 def test_it_is_as_large_as_its_mesh_or_its_hull(room, drone):
     """The drone fills the rectangle around its projected corners, and no pixel of it is outside."""
     batch = flockstep.Batch([dim(room)], drone=drone)

@@ -1,11 +1,9 @@
 """Cameras: images as arrays, depth against two oracles, configurations, modes, errors, files, lifetimes."""
 
-import copy
 import functools
 import gc
 import io
 import os
-import pickle
 
 import numpy as np
 import pytest
@@ -211,27 +209,11 @@ class TestConfig:
         assert config.outputs == ("rgb",)
         assert (config.capture_mode, config.layout, config.depth_kind) == ("every_step", "hwc", "planar")
 
-    def test_repr_equality_and_pickling(self):
-        config = camera_of(name="c", hfov_deg=70, quat_wxyz=(0, 1, 0, 0), shadows=True, samples_per_pixel=4)
-        assert eval(repr(config), {"CameraConfig": flockstep.CameraConfig}) == config
-        for other in (pickle.loads(pickle.dumps(config)), copy.copy(config), copy.deepcopy(config)):
-            assert other == config
-            assert other is not config
-        assert config != camera_of(name="c", hfov_deg=71, quat_wxyz=(0, 1, 0, 0), shadows=True, samples_per_pixel=4)
-        assert config != flockstep.LidarConfig()
-        with pytest.raises(TypeError, match="hash"):
-            hash(config)
-
     @pytest.mark.parametrize(
         ("fields", "said"),
         [
             ({"name": ""}, ["camera.name"]),
-            ({"width_px": 0}, ["camera.width_px", 0]),
-            ({"height_px": -1}, ["camera.height_px", -1]),
-            ({"hfov_deg": np.nan}, ["camera.hfov_deg", np.nan]),
             ({"width_px": 10, "height_px": 8000, "hfov_deg": 150}, ["camera.hfov_deg", "square"]),
-            ({"vfov_deg": 180}, ["camera.vfov_deg", 180]),
-            ({"offset_m": (0, np.inf, 0)}, ["camera.offset_m[1]", np.inf]),
             ({"quat_wxyz": (0, 0, 0, 0)}, ["camera.quat_wxyz"]),
             ({"near_m": 2, "far_m": 2}, ["camera.far_m", 2, "near_m"]),
             ({"outputs": ()}, ["camera.outputs", "at least one"]),

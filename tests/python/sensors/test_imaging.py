@@ -1,8 +1,5 @@
 """Uses of OpenCV, compared with NumPy: hsv, smaller images, and colours in images."""
 
-import copy
-import pickle
-
 import gymnasium
 import numpy as np
 import pytest
@@ -133,18 +130,6 @@ class TestResize:
     def test_invalid_arguments(self, error, said, fields):
         with refused(error, *said):
             flockstep.CameraConfig(**{"width_px": 40, "height_px": 30, **fields})
-
-    def test_a_config_is_read_copied_and_pickled(self):
-        config = flockstep.CameraConfig(
-            width_px=64, height_px=48, outputs=("depth", "hsv"), resize=(16, 12), pool="max"
-        )
-        assert "resize=[16, 12], pool='max'" in repr(config)
-        for each in (config, RED):
-            for other in (copy.deepcopy(each), pickle.loads(pickle.dumps(each))):
-                assert other == each
-                assert repr(other) == repr(each)
-        assert config != flockstep.CameraConfig(width_px=64, height_px=48, outputs=("depth", "hsv"), resize=(16, 12))
-        assert flockstep.CameraConfig().image_size_px == (640, 480)
 
     def test_a_removed_drone_sees_nothing(self, world):
         batch = rendered(world, outputs=("rgb", "depth", "hsv"), resize=(10, 6))

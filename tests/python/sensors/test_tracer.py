@@ -7,25 +7,11 @@ from conftest import placed
 from messages import refused
 
 import flockstep
-from flockstep import BodyConfig, CameraConfig, LidarConfig, World, WorldPool
+from flockstep import CameraConfig, LidarConfig, World, WorldPool
 
 CAMERA = CameraConfig(width_px=32, height_px=24, outputs=["rgb", "depth"])
 GRID = LidarConfig(channels=8, beams=180, hfov_deg=360, vfov_deg=30, max_range_m=20)
 FAN = LidarConfig(max_range_m=8)
-TILTED_RAD = np.deg2rad(np.arange(-150, 150, 5.0))
-# At their ranges, neighbouring beams are less than 0.6 m apart: they are well within the limit of slices by default.
-FANS = {
-    "default": LidarConfig(),
-    "more beams than one bundle has": LidarConfig(beams=700, hfov_deg=330, max_range_m=15),
-    "one of three channels in a plane": LidarConfig(channels=3, beams=30, vfov_deg=40, max_range_m=3),
-    "column": LidarConfig(channels=50, beams=1, vfov_deg=170, max_range_m=5),
-    "mounted on its side": LidarConfig(max_range_m=4, quat_wxyz=(0.5, 0.5, -0.5, 0.5), offset_m=(0.1, 0, 0.05)),
-    "pattern in a tilted plane": LidarConfig(
-        azimuth_deg=np.rad2deg(TILTED_RAD).tolist(),
-        elevation_deg=np.rad2deg(np.arctan(0.6 * np.sin(TILTED_RAD))).tolist(),
-        max_range_m=6,
-    ),
-}
 
 
 def envs_in(worlds, tracer, num_envs=6, lidar=GRID, **arguments):
@@ -48,11 +34,6 @@ def fly(envs, steps=6, seed=5):
 @pytest.fixture(scope="module")
 def office():
     return World.office(4)
-
-
-@pytest.fixture(scope="module", params=["indoor/office", "indoor/warehouse"])
-def world(request):
-    return World.load(request.param)
 
 
 @pytest.mark.parametrize("name", ["LidarNavigation", "CameraNavigation", "CameraPixels", "Formation", "Dodge"])
@@ -141,27 +122,6 @@ class TestSlices:
         batch.sense()
         return batch
 
-    @staticmethod
-    def assert_close(ours, theirs):
-        """Compare all ranges but those of a few rays at edges."""
-        near = np.isclose(ours, theirs, rtol=1e-4, atol=1e-4)
-        assert np.isfinite(ours).mean() > 0.1
-        assert near.mean() > 0.999
-
-    @pytest.mark.parametrize("fan", FANS)
-    def test_they_measure_what_embree_does(self, world, fan):
-        slices, auto, embree = (
-            self.scanning(world, tracer, lidar=FANS[fan]) for tracer in ("slices", "auto", "embree")
-        )
-        self.assert_close(slices.lidar().ranges, embree.lidar().ranges)
-        np.testing.assert_array_equal(slices.lidar().ranges, auto.lidar().ranges)
-        if fan == "one of three channels in a plane":
-            assert 0 < slices.embree_rays <= 2 / 3 * embree.embree_rays
-        else:
-            assert slices.embree_rays == 0 < embree.embree_rays
-        assert auto.embree_rays == slices.embree_rays
-        assert embree.embree_rays == embree.lidar().ranges.size
-
     @pytest.mark.parametrize(
         ("beams", "hfov_deg", "max_range_m", "sliced"),
         [(6, 10, 5, True), (5, 10, 5, False), (35, 270, 7, True), (35, 270, 8, False)],
@@ -174,37 +134,3 @@ class TestSlices:
         assert (self.scanning(office, "auto", lidar=fan).embree_rays == 0) == sliced
         text = " ".join(flockstep.Batch.__doc__.split())
         assert "Fans of at least 6 beams that are at most 1 m apart" in text
-
-    def test_bodies_come_after_them(self, office):
-        places = office.free_places(30, seed=4)
-        batch = placed([office], places, lidar=FAN, tracer="slices")
-        batch.sense()
-        ahead = batch.lidar().ranges[:, 0, FAN.beams // 2]
-        free = int(ahead.argmax())  # the way ahead is free for at least a metre
-        empty = batch.lidar().ranges[free, 0].copy()
-        ball = BodyConfig(shape="sphere", size_m=(0.6, 0.6, 0.6), position_m=(places[free] + [1.0, 0, 0]).tolist())
-        batch = placed([office], places[free][None], bodies=[ball], lidar=FAN, tracer="slices")
-        batch.sense()
-        seen = batch.lidar().ranges[0, 0]
-        along = batch.lidar().directions[0].reshape(-1, 3)[:, 0].astype(float)
-        under = along**2 - (1 - 0.3**2)  # of a sphere of radius 0.3 m, 1 m ahead
-        to_ball = np.where((under >= 0) & (along > 0), along - np.sqrt(np.maximum(under, 0)), np.inf)
-        np.testing.assert_allclose(seen, np.minimum(empty, to_ball), rtol=1e-5)
-        assert (seen < empty).any()
-        assert (seen[~(under >= 0)] == empty[~(under >= 0)]).all()
-
-    @pytest.mark.parametrize(("first", "last"), [(5, 35), (35, 5), (20, 300)])
-    def test_another_number_of_beams_gives_the_bits_of_a_batch_made_with_it(self, first, last):
-        # In worlds without a tree yet. At 2 m, 20 beams are 0.5 m apart; 5 are too few for a slice.
-        changed, made = (
-            self.scanning(World.office(4), "auto", 40, lidar=LidarConfig(beams=beams, max_range_m=2))
-            for beams in (first, last)
-        )
-        before = changed.embree_rays
-        assert (before == 0) == (first != 5)
-        changed.set_lidar(beams=last)
-        changed.sense()
-        assert (changed.embree_rays == before) == (last != 5)
-        assert (made.embree_rays == 0) == (last != 5)
-        assert np.isfinite(made.lidar().ranges).any()
-        np.testing.assert_array_equal(changed.lidar().ranges, made.lidar().ranges)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from conftest import placed
-from messages import refused
 
 import flockstep
 
@@ -58,22 +57,6 @@ def test_sensors_see_what_is_visible(form, flags, seen):
     assert (cloud["objects"] == 1).any() == seen
 
 
-@pytest.mark.parametrize(("flags", "hit"), [({}, True), ({"solid": False}, False), ({"visible": False}, True)])
-def test_drones_hit_what_is_solid(form, flags, hit):
-    world = hall(form, **flags)
-    batch = placed([world], [[0, 0, 0]])
-    assert bool(batch.move([[5, 0, 0]]).hit[0]) == hit
-    assert (batch.position[0, 0] < X) == hit
-    path = flockstep.plan(world, [0, 0, 0], [[5, 0, 0]])
-    assert (sum(np.linalg.norm(np.diff(path, axis=0), axis=1)) > 5.1) == hit
-    i, j, k = ((np.array([X + 0.01, 0.1, 0.1]) + 6) / 0.5).astype(int)
-    assert bool(world.occupancy(0.5)["occupied"][i, j, k]) == hit
-    assert (world.distance(0.5)["distance_m"][i, j, k] < 0.5) == hit
-    objects = world.objects()
-    assert objects["solid"].tolist() == [True, hit]
-    assert objects["visible"].tolist() == [True, flags.get("visible", True)]
-
-
 def test_what_is_hidden_casts_no_shadow():
     builder = flockstep.WorldBuilder("yard")
     builder.plane([0, 0, 0], [20, 20], builder.material("ground", [1, 1, 1]))
@@ -88,15 +71,3 @@ def test_what_is_hidden_casts_no_shadow():
         batch.capture()
         frames.append(batch.camera().rgb[0].copy())
     np.testing.assert_array_equal(*frames)
-
-
-def test_flags_are_flags():
-    builder = flockstep.WorldBuilder()
-    material = builder.material("a")
-    with refused(ValueError, "visible, solid"):
-        builder.sphere([0, 0, 0], 1, material, visible=False, solid=False)
-    with pytest.raises(TypeError):
-        builder.sphere([0, 0, 0], 1, material, visible=0)
-    builder.sphere([0, 0, 0], 1, material, solid=False)
-    with refused(ValueError, "scene", "solid"):
-        builder.build()

@@ -369,37 +369,6 @@ def test_lockstep(client):
     assert client.step().step == 2
 
 
-def test_flying_by_rotors(room, connect):
-    batches = [make(room, drone="racer5", dynamics=flockstep.DynamicsConfig(motion="rotors")) for _ in range(2)]
-    command = np.float32([[0.5, 0, 0.2, 0]] * 4)
-
-    def check():
-        np.testing.assert_array_equal(batches[0].position, batches[1].position)
-
-    with served(batches[0], connect) as client:
-        assert client.info.flies_by_rotors
-        client.fly(command, control="velocity", ticks=50)
-        batches[1].fly(command, 50, control="velocity")
-        check()
-        client.fly(command, control="velocity", mask=[True, False, False, True])
-        batches[1].fly(command, mask=np.array([True, False, False, True]), control="velocity")
-        check()
-        client.set_command(command, control="velocity")
-        client.step()
-        batches[1].fly(command, control="velocity")
-        check()
-        client.drone(2).set_command((0, 0, -0.5, 0), control="velocity")
-        client.step()
-        command[2] = (0, 0, -0.5, 0)
-        batches[1].fly(command, control="velocity")
-        check()
-        with refused(ServerError, "control"):
-            client.fly(command, control="telepathy")
-        with refused(ServerError, "rotors"):
-            client.drone(0).set_location((1, 1, 1))
-        client.drone(0).set_location((2, 4, 2), teleport=True)
-
-
 def test_snapshots(client, batch):
     blob = client.snapshot()
     assert blob == batch.snapshot()

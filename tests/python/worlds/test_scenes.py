@@ -1,11 +1,9 @@
 """Scene files: the bundled ones, and the resolution of names and paths."""
 
-import base64
 import copy
 import importlib.util
 import json
 import re
-import struct
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -424,43 +422,6 @@ def test_an_obj_file_is_a_world(tmp_path, name):
     mesh = flockstep.World.load(path).mesh()
     assert mesh["triangles"].shape == (1, 3)
     np.testing.assert_array_equal(mesh["vertices"][mesh["triangles"][0]], [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
-
-
-def a_gltf_file(path, **more):
-    corners = base64.b64encode(struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)).decode()
-    gltf = {
-        "asset": {"version": "2.0"},
-        "buffers": [{"byteLength": 36, "uri": f"data:application/octet-stream;base64,{corners}"}],
-        "bufferViews": [{"buffer": 0, "byteLength": 36}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-        "nodes": [{"mesh": 0}, {"name": "start", "translation": [1, 2, 3]}],
-    }
-    path.write_text(json.dumps({**gltf, **more}))
-    return path
-
-
-class TestGltf:
-    def test_y_is_up(self, tmp_path):
-        path = a_gltf_file(tmp_path / "corner.gltf")
-        world = flockstep.World.load(path)
-        assert world.name == "corner"
-        assert world.bounds.tolist() == [[0, 0, 0], [1, 0, 1]]
-        assert world.start.tolist() == [1, -3, 2]
-        assert flockstep.World.load(path, up="z").bounds.tolist() == [[0, 0, 0], [1, 1, 0]]
-        placed = flockstep.World.load(path, scale=2, origin=(1, 2, 3))
-        assert placed.bounds.tolist() == [[1, 2, 3], [3, 2, 5]]
-
-    def test_ignored_parts_are_named(self, tmp_path):
-        path = a_gltf_file(tmp_path / "corner.gltf", animations=[{}], skins=[{}, {}])
-        with refused(UserWarning, "corner.gltf", 1, 2):
-            flockstep.World.load(path)
-
-    @pytest.mark.parametrize("wrong", [{"up": "x"}, {"scale": 0}, {"origin": (0, 0, float("nan"))}])
-    def test_refused(self, tmp_path, wrong):
-        path = a_gltf_file(tmp_path / "corner.gltf")
-        with refused(ValueError, next(iter(wrong))):
-            flockstep.World.load(path, **wrong)
 
 
 def test_the_page_has_the_sizes_of_all_bundled_worlds():
