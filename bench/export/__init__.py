@@ -43,7 +43,7 @@ def difference(folder: Path, name: str, model: Any) -> float:
     if actor.features == "goal":
         drawn[:, 3:] = np.abs(drawn[:, 3:])  # ranges
     rows = np.clip(drawn, low, high).astype(np.float32)
-    run(folder, "gcc", *WARNINGS, "-O2", "-shared", "-fPIC", f"act.c", "-o", f"{name}.so", "-lm")
+    run(folder, "gcc", *WARNINGS, "-O2", "-shared", "-fPIC", "act.c", "-o", f"{name}.so", "-lm")
     act = ctypes.CDLL(str(folder / f"{name}.so")).act
     act.argtypes = [np.ctypeslib.ndpointer(np.float32, flags="C")] * 2
     found = np.empty((OBSERVATIONS, actor.action_size), np.float32)

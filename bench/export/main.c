@@ -12,14 +12,14 @@
 #define SIZE(array) ((int)(sizeof(array) / sizeof(float)))
 
 /* SysTick counts down in 24 bits at 25 MHz. With -icount shift=0 an instruction takes 1 ns, so a tick is 40 of them. */
-#define SYSTICK ((volatile uint32_t *)0xE000E010)
+#define SYSTICK ((volatile uint32_t*)0xE000E010)
 #define INSTRUCTIONS(begin) (40.0 * (((begin) - SYSTICK[2]) & 0xFFFFFF))
 
 extern uint32_t stack_top;
 extern void _start(void); /* of the C library */
 
 static void reset(void) {
-  *(volatile uint32_t *)0xE000ED88 |= 0xFu << 20; /* enables the FPU */
+  *(volatile uint32_t*)0xE000ED88 |= 0xFu << 20; /* enables the FPU */
   __asm volatile("dsb\nisb");
   _start();
 }
