@@ -31,11 +31,12 @@ def export(model: Any, path: str | PathLike[str], *, env: Any = None) -> None:
     ----------
     model
         A model of `flockstep.PPO`, `flockstep.APG` or Stable-Baselines3 whose policy consists of fully connected
-        layers. A ``VecNormalize`` around its environment becomes part of the policy.
+        layers.
     path
         The file. What stands before ``.h`` begins all names in it.
     env
-        A `DroneVectorEnv`, or a wrapper of one, as the policy was trained in, for the comment. Default: the model's.
+        The environment of the training, by default the model's own. The comment describes a `DroneVectorEnv`, also
+        within wrappers, and a ``VecNormalize`` becomes part of the policy.
 
     Raises
     ------
@@ -48,11 +49,10 @@ def export(model: Any, path: str | PathLike[str], *, env: Any = None) -> None:
         raise ValueError(f"path: expected a file that ends in .h or .onnx, got {target.name!r}")
     if target.suffix == ".h" and not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
         raise ValueError(f"path: expected a name of letters, digits and _ before .h, got {target.name!r}")
-    actor = actor_of(model)
-    drones = _drones_of(model.get_env() if env is None else env)
-    if env is not None and (drones is None or not _fits(actor, model, drones)):
-        raise ValueError(f"env: expected a DroneVectorEnv with the observations and actions of the model, got {env!r}")
-    words = [*_words(actor, drones)]
+    actor = actor_of(model, env)
+    if env is not None and not _fits(model, env):
+        raise ValueError(f"env: expected an environment with the observations and actions of the model, got {env!r}")
+    words = [*_words(actor, _drones_of(model.env if env is None else env))]
     content = c_header(actor, name, words).encode() if target.suffix == ".h" else onnx_file(actor, name, words)
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_bytes(content)
@@ -66,10 +66,9 @@ def _drones_of(env: Any) -> DroneVectorEnv | None:
     return env
 
 
-def _fits(actor: Actor, model: Any, drones: DroneVectorEnv) -> bool:
-    return drones.single_observation_space == model.observation_space and (
-        drones.single_action_space == actor.action_space
-    )
+def _fits(model: Any, env: Any) -> bool:
+    names = ("observation_space", "action_space")
+    return all(getattr(env, f"single_{name}", getattr(env, name, None)) == getattr(model, name) for name in names)
 
 
 def _words(actor: Actor, drones: DroneVectorEnv | None) -> Iterator[str]:

@@ -79,8 +79,8 @@ class Actor:
         return actions.reshape(len(rows), -1)
 
 
-def actor_of(model: Any) -> Actor:
-    """Return the actor of a model of `PPO`, `APG` or Stable-Baselines3.
+def actor_of(model: Any, env: Any = None) -> Actor:
+    """Return the actor of a model of `PPO`, `APG` or Stable-Baselines3; env: with the ``VecNormalize`` of its training.
 
     Raises
     ------
@@ -88,9 +88,9 @@ def actor_of(model: Any) -> Actor:
         The model has a part that is not made of fully connected layers; the message names it.
     """
     if isinstance(model, PPO):
-        made = _of_ppo(model)
+        made = _of_ppo(model, env)
     elif hasattr(getattr(model, "policy", None), "state_dict"):
-        made = _of_sb3(model)
+        made = _of_sb3(model, env)
     else:
         raise TypeError(f"model: {_EXPECTED}, got {model!r}")
     numbers: list[Array] = [array for layer in made.layers for array in (layer.weight, layer.bias)]
@@ -111,7 +111,7 @@ def size_of(space: spaces.Space[Any]) -> int:
     return math.prod(space.shape or ())
 
 
-def _of_ppo(model: PPO) -> Actor:
+def _of_ppo(model: PPO, env: Any) -> Actor:
     config, values = model.learner.config, model.learner.parameters
     arrays = {
         name: values[first : first + int(np.prod(shape))].reshape(shape) for name, shape, first in model.learner.layout
@@ -129,10 +129,10 @@ def _of_ppo(model: PPO) -> Actor:
         size = config.observation_size - config.critic_only
         normalization = _normalization(mean[:size], variance[:size])
     features = str(config.features)
-    return _finished(model, observation_space, normalization, features, layers, is_squashed=False)
+    return _finished(model, env, observation_space, normalization, features, layers, is_squashed=False)
 
 
-def _of_sb3(model: Any) -> Actor:
+def _of_sb3(model: Any, env: Any) -> Actor:
     policy: Any = model.policy
     if hasattr(policy, "lstm_actor"):
         raise ValueError(f"model: expected a policy without memory, got {type(policy).__name__}")
@@ -161,7 +161,7 @@ def _of_sb3(model: Any) -> Actor:
     layers = [*_layers(modules)]
     if is_squashed and not layers[-1].activation:  # the distribution applies it
         layers[-1] = Layer(layers[-1].weight, layers[-1].bias, "tanh")
-    return _finished(model, model.observation_space, normalization, features, layers, is_squashed)
+    return _finished(model, env, model.observation_space, normalization, features, layers, is_squashed)
 
 
 def _layers(modules: list[Any]) -> list[Layer]:
@@ -180,6 +180,7 @@ def _layers(modules: list[Any]) -> list[Layer]:
 
 def _finished(
     model: Any,
+    env: Any,
     observation_space: spaces.Space[Any],
     normalization: Normalization | None,
     features: str,
@@ -194,7 +195,9 @@ def _finished(
             raise ValueError(f"{where}: expected numbers, got an image, which export does not write")
     if not isinstance(model.action_space, (spaces.Box, spaces.Discrete)):
         raise ValueError(f"actions: expected numbers (a Box) or a choice (Discrete), got {model.action_space}")
-    around = model.get_vec_normalize_env()
+    around = model.env if env is None else env
+    while around is not None and type(around).__name__ != "VecNormalize":
+        around = getattr(around, "venv", None)
     if around is not None and around.norm_obs:
         if normalization is not None or isinstance(observation_space, spaces.Dict):
             raise ValueError(

@@ -34,11 +34,11 @@ def exported(model, folder, observations, actions, **keywords):
     return CPolicy(folder / "policy.h", observations, actions), lambda rows: session.run(None, {"observation": rows})[0]
 
 
-def check(model, folder, rows, observe=None, scale=1.0):
+def check(model, folder, rows, observe=None, scale=1.0, **keywords):
     """Compare with what the model predicts; observe: makes its observations of rows."""
     expected = model.predict(rows if observe is None else observe(rows), deterministic=True)[0].reshape(len(rows), -1)
     assert (expected != expected[0]).any(), "the model does not depend on its observations"
-    by_c, by_onnx = exported(model, folder, rows.shape[1], expected.shape[1])
+    by_c, by_onnx = exported(model, folder, rows.shape[1], expected.shape[1], **keywords)
     for act in (by_c, by_onnx):
         found = act(rows).reshape(expected.shape)
         np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * scale)
@@ -60,15 +60,8 @@ def test_bundled_policies(name, tmp_path):
     check(model, tmp_path, drawn(model.observation_space))
 
 
-def test_a_header_flies_at_500_hz(tmp_path):
-    model = flockstep.policies.load("hover")
-    by_c, _ = exported(model, tmp_path, 16, 4)
-    by_c_rate, own_rate = (
-        flockstep.evaluate(act, "flockstep/Hover-v0", episodes=100, policy_hz=500, max_episode_steps=3000).success_rate
-        for act in (by_c, model)
-    )
-    assert own_rate > 0.9
-    assert abs(by_c_rate - own_rate) <= 0.02  # their flights differ by rounding
+def test_the_example_flies_a_header_at_500_hz(example):
+    assert example("fly_header").main(50) > 0.9
 
 
 def test_normalized_observations_far_from_zero(tmp_path):
@@ -142,6 +135,8 @@ def test_vec_normalize_becomes_part_of_the_policy(cls, tmp_path):
     envs.obs_rms.mean, envs.obs_rms.var = np.array([1.0, 2.0, 300.0]), np.array([4.0, 0.25, 1.0])
     rows = (envs.obs_rms.mean + drawn(box(3))).astype(np.float32)
     check(model, tmp_path, rows, envs.normalize_obs)
+    model.save(tmp_path / "model")
+    check(cls.load(tmp_path / "model"), tmp_path, rows, envs.normalize_obs, env=envs)
 
 
 def test_the_header_is_also_cpp_and_knows_its_actions(tmp_path):
