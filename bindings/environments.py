@@ -135,7 +135,7 @@ class Environment:
         return f"| [`{self.id}`]({self.page}.md) | {self.task._about} |"
 
     def is_observed(self, numbers: str) -> bool:
-        """Return whether a row or a sentence of the observation belongs here: one that names a choice has only its own."""
+        """Return whether a row or a sentence of the observation belongs here: its choice, if it names one."""
         choice = re.search(r'"(\w+)"', numbers)
         return not choice or choice[1] == self.config.observation
 
