@@ -132,7 +132,10 @@ class Environment:
 
     def row(self) -> str:
         """Return the environment's row in the list of all."""
-        return f"| [`{self.id}`]({self.page}.md) | {self.task._about} |"
+        about = self.task._about
+        if not self.is_default:
+            about = f"{about.removesuffix('.')}, with `observation={self.config.observation!r}`."
+        return f"| [`{self.id}`]({self.page}.md) | {about} |"
 
     def is_observed(self, numbers: str) -> bool:
         """Return whether a row or a sentence of the observation belongs here: its choice, if it names one."""
