@@ -158,7 +158,7 @@ def test_pages_read_well_without_the_site():
 
 
 def test_no_paragraph_has_a_line_that_begins_with_a_comment():
-    """Such a line ends the paragraph in Markdown, and is shown as it is."""
+    """In Markdown such a line ends the paragraph."""
     for document in DOCUMENTS:
         assert not re.search(r"^ *<!-- (figure|tried)\b", document.read_text(encoding="utf-8"), re.MULTILINE), (
             document.name
