@@ -29,6 +29,7 @@ _OPTIONAL = (
     ("fast-simplification", "fast_simplification", "meshes of drones"),
     ("scipy", "scipy", "hulls of meshes"),
     ("mcap-ros2-support", "mcap_ros2", "MCAP files"),
+    ("onnx", "onnx", "policies as ONNX files"),
     ("matplotlib", "matplotlib", "plots"),
     ("tensorboard", "tensorboard", "learning curves"),
 )

@@ -10,6 +10,7 @@ from typing import Any
 
 from gymnasium import spaces
 
+from flockstep import stepping
 from flockstep._core import DynamicsConfig, __version__
 from flockstep.learning.actor import Actor, actor_of, parts_of, size_of
 from flockstep.learning.c_header import c_header
@@ -52,6 +53,8 @@ def export(model: Any, path: str | PathLike[str], *, env: Any = None) -> None:
     actor = actor_of(model, env)
     if env is not None and not _fits(model, env):
         raise ValueError(f"env: expected an environment with the observations and actions of the model, got {env!r}")
+    if isinstance(env, DroneVectorEnv):
+        stepping.require_open(env)
     words = [*_words(actor, _drones_of(model.env if env is None else env))]
     content = c_header(actor, name, words).encode() if target.suffix == ".h" else onnx_file(actor, name, words)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -59,11 +62,11 @@ def export(model: Any, path: str | PathLike[str], *, env: Any = None) -> None:
 
 
 def _drones_of(env: Any) -> DroneVectorEnv | None:
-    """Return the environment within wrappers, or None if it is of another kind."""
+    """Return the environment within wrappers, or None if it is of another kind or closed."""
     while env is not None and not isinstance(env, DroneVectorEnv):
         inner = getattr(env, "venv", None) or getattr(env, "env", None) or getattr(env, "envs", None)
         env = inner[0] if isinstance(inner, (list, tuple)) and inner else inner  # of a DummyVecEnv
-    return env
+    return env if hasattr(env, "batch") else None
 
 
 def _fits(model: Any, env: Any) -> bool:

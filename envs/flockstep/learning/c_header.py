@@ -200,5 +200,5 @@ def _cases(actor: Actor) -> npt.NDArray[np.float32]:
 def _c_array(name: str, values: npt.ArrayLike) -> str:
     flat = np.ravel(np.asarray(values, np.float32))
     texts = [{"inf": "INFINITY", "-inf": "-INFINITY"}.get(str(value), f"{value!s}f") for value in flat]
-    lines = textwrap.fill(", ".join(texts), 118, initial_indent="  ", subsequent_indent="  ")
+    lines = ",\n".join("  " + ", ".join(texts[i : i + 6]) for i in range(0, len(texts), 6))
     return f"static const float {name}[{len(flat)}] = {{\n{lines}\n}};"

@@ -255,6 +255,14 @@ def test_another_env_is_refused(tmp_path):
     for env in (hover(1, control="body_rates", observed=flockstep.ObservationConfig(history=2)), Aim(), "hover"):
         with refused(ValueError, "env"):
             flockstep.export(model, tmp_path / "policy.h", env=env)
+    closed = hover(1)
+    closed.close()
+    with pytest.raises(flockstep.errors.ClosedError):
+        flockstep.export(model, tmp_path / "policy.h", env=closed)
+    assert not [*tmp_path.iterdir()]
+    trained = PPO("MlpPolicy", hover(4), **SMALL)
+    trained.env.close()
+    flockstep.export(trained, tmp_path / "trained.h")
     flockstep.export(model, tmp_path / "policy.h", env=gymnasium.make("flockstep/Hover-v0"))
     assert "offset to the point" in (tmp_path / "policy.h").read_text()
     with refused(ValueError, "model"):
