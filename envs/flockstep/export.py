@@ -96,7 +96,7 @@ def _words(actor: Actor, drones: DroneVectorEnv | None) -> Iterator[str]:
     dynamics, drone = drones.recipe.dynamics, drones.batch.drone
     hz = drones.recipe.clock.policy_hz
     yield f"Drone {drone.name}, control {str(dynamics.control)!r}, {hz:g} actions per second."
-    words = str([known._words[kind] for kind in ("observed", "observation", "action")])
+    words = f"{known._words['observed']} {known._words['observation']} {known._words['action']}"
     told = {name: getattr(known, name) for name in known.__match_args__ if f"``{name}``" in words}
     if drone.num_rotors and str(dynamics.control) != "pose":
         rotors = ", ".join(f"{name} {_number(value)}" for name, value in drone.to_dict()["rotors"].items())
@@ -125,7 +125,7 @@ def _observed(actor: Actor, drones: DroneVectorEnv, task: Any) -> Iterator[str]:
     if isinstance(actor.action_space, spaces.Discrete):
         past = observed.past_actions * int(actor.action_space.n)
     size = (actor.observation_size - past - bool(observed.age)) // observed.history
-    yield task._words["observed"]
+    yield f"{task._words['observed']}"
     rows = [(numbers, text) for numbers, text in task._words["observation"] if _is_observed(task, numbers)]
     counts = [_count(task, numbers) for numbers, _ in rows]
     unknown = counts.count(None)
