@@ -95,7 +95,9 @@ def _words(actor: Actor, drones: DroneVectorEnv | None) -> Iterator[str]:
     yield known._words["action"]
     dynamics, drone = drones.recipe.dynamics, drones.batch.drone
     hz = drones.recipe.clock.policy_hz
-    yield f"Drone {drone.name}, control {str(dynamics.control)!r}, {hz:g} actions per second."
+    others = len(drones.batch.airframes) - 1
+    name = f"{drone.name}, the first of {others + 1} airframes" if others > 0 else drone.name
+    yield f"Drone {name}, control {str(dynamics.control)!r}, {hz:g} actions per second."
     words = f"{known._words['observed']} {known._words['observation']} {known._words['action']}"
     told = {name: getattr(known, name) for name in known.__match_args__ if f"``{name}``" in words}
     if drone.num_rotors and str(dynamics.control) != "pose":
@@ -127,7 +129,8 @@ def _observed(actor: Actor, drones: DroneVectorEnv, task: Any) -> Iterator[str]:
     size = (actor.observation_size - past - bool(observed.age)) // observed.history
     yield f"{task._words['observed']}"
     rows = [(numbers, text) for numbers, text in task._words["observation"] if _is_observed(task, numbers)]
-    counts = [_count(task, numbers) for numbers, _ in rows]
+    rotors = drones.batch.drone.num_rotors
+    counts = [rotors if "each rotor" in text else _count(task, numbers) for numbers, text in rows]
     unknown = counts.count(None)
     rest = (size - sum(count or 0 for count in counts)) // max(unknown, 1)
     counts = [rest if count is None else count for count in counts]

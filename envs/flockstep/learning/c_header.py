@@ -86,6 +86,7 @@ def c_header(actor: Actor, name: str, words: list[str]) -> str:
         size=size,
         count=count,
         cases=_CASES,
+        nan="the first choice" if isinstance(actor.action_space, spaces.Discrete) else "NaN",
         constants="\n".join(constants),
         functions="".join(functions),
         body="\n".join(body),
@@ -96,7 +97,7 @@ def c_header(actor: Actor, name: str, words: list[str]) -> str:
 _C = """/*
 {comment}
 
-{name}_act computes an action from an observation, both as listed above. NaN in an observation gives NaN.
+{name}_act computes an action from an observation, both as listed above. NaN in an observation gives {nan}.
 {name}_self_test returns the largest difference from actions that Python computed: about 1e-6 is rounding.
 */
 #ifndef {guard}

@@ -163,6 +163,9 @@ def test_nan_gives_nan(tmp_path):
     rows = np.float32([[0, np.nan, 0]])
     assert np.isnan(by_c(rows)).all()
     assert np.isnan(by_onnx(rows)).all()
+    model = PPO("MlpPolicy", Still(box(3), spaces.Discrete(4, start=2)), **SMALL)
+    by_c, _ = exported(model, tmp_path, 3, 1)
+    assert by_c(rows) == 2
 
 
 # --- words
@@ -179,7 +182,7 @@ def listed(text):
 ENVS = {
     "goal": {"worlds": "playground/train-1"},
     "blob": {"worlds": "playground/train-1", "observation": "blob"},
-    "hover": {"task": flockstep.HoverConfig()},
+    "hover": {"task": flockstep.HoverConfig(), "drone": "f550"},  # six rotors
     "memory": {
         "task": flockstep.HoverConfig(),
         "control": "body_rates",
