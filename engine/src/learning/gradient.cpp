@@ -118,12 +118,13 @@ struct Differentiated {
   }
 };
 
-// Derivatives of commands by the actions of a step: its lane's slope.
+// The derivative of a number of a drone's command by that of its action.
 float slope_of(const task::GroupNumbers& numbers, const task::GradientStep& step, std::size_t i, std::size_t lane) {
   return step.action[i][lane] > 0.0F ? numbers.up[i][lane] : numbers.down[i][lane];
 }
 
-// Writes the mean commands of the ticks of a step. Drones that did not fly have those of their action.
+// Writes the commands that were flown in the ticks of a step, the mean of several. Drones that did not fly get that of their
+// action.
 void write_commands(const LateCommands& late, const GradientGroup& group, std::size_t t, task::TickCommands& to) {
   const task::GroupNumbers& numbers = group.numbers[group.number_of[t]];
   std::ranges::fill(to.command, Lanes<kActions>{});
@@ -141,7 +142,7 @@ void write_commands(const LateCommands& late, const GradientGroup& group, std::s
   }
 }
 
-// Adds the derivatives by them to those by the commands that steps of the window sent.
+// Adds the derivatives by these commands to those by the commands that steps of the window sent.
 void add_to_sent(const LateCommands& late, GradientGroup& group, std::size_t t, const task::TickCommands& flown) {
   for (std::size_t lane = 0; lane < kLanes; ++lane) {
     late.for_each_part(group.drones[lane], t, flown.d_command.size(),
