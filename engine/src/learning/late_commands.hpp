@@ -7,9 +7,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "dynamics/fleet.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/state.hpp"
+#include "tasks/flight_gradient.hpp"
 
 namespace flockstep::learning {
 

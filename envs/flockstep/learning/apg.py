@@ -89,8 +89,8 @@ class APG(PPO):
     horizon: int = 32
     ticks: int = 1
 
-    def _make_learner(self, policy: str, policy_kwargs: Mapping[str, Any] | None, num_threads: int) -> None:
-        super()._make_learner(policy, policy_kwargs, num_threads)
+    def _make_learner(self, *arguments: Any, **named: Any) -> None:
+        super()._make_learner(*arguments, **named)
         self._check(self.source)  # with the networks
 
     def _check(self, source: Source | None = None) -> None:
