@@ -260,9 +260,13 @@ class BetaflightBridge:
             if not re.fullmatch(r"\w+", name) or not re.fullmatch(r"[\w.,+/ -]+", str(value)):
                 raise ValueError(f"settings: expected names and values of Betaflight, got {name!r}: {value!r}")
         self.batch, self._imu, self._angle = batch, imu, angle
-        self._frame = batch.drone.to_dict()
+        rotors = batch.drone.to_dict()["rotors"]
+        self._thrust_n = rotors["thrust_n"]
         #: Speed of a rotor whose motor signal is 1, rad/s.
-        self.full_speed_radps = float(self._frame["rotors"]["max_speed_radps"])
+        self.full_speed_radps = float(rotors["max_speed_radps"])
+        speeds = [rotors[f"{end}_speed_radps"] for end in ("min", "max")]
+        #: Least and greatest thrust of all rotors over the mass, m/s^2.
+        self.thrust_mps2 = 4.0 * np.polyval(self._thrust_n[::-1], speeds) / batch.drone.mass_kg
         most = (dynamics.max_rate_dps, dynamics.max_rate_dps, dynamics.max_yaw_rate_dps)
         steps = dict(zip(("roll", "pitch", "yaw"), (int(min(np.ceil(dps / 10), 199)) for dps in most), strict=True))
         self._full_rates = np.radians([10.0 * step for step in steps.values()])
@@ -294,8 +298,8 @@ class BetaflightBridge:
     def sticks_for(self, command: npt.ArrayLike) -> Array:
         """Return the sticks (N, 4) for commands (N, 4) of the control ``"body_rates"``."""
         command = np.asarray(command, float)
-        c0, c1, c2 = self._frame["rotors"]["thrust_n"]
-        push = np.maximum(command[:, 0] * self._frame["mass_kg"] / 4.0 - c0, 0.0)
+        c0, c1, c2 = self._thrust_n
+        push = np.maximum(command[:, 0] * self.batch.drone.mass_kg / 4.0 - c0, 0.0)
         speed = push / c1 if c2 == 0 else (np.sqrt(c1**2 + 4 * c2 * push) - c1) / (2 * c2)
         throttle = (speed / self.full_speed_radps - _IDLE) / (1.0 - _IDLE)
         turn = command[:, 1:] / self._full_rates

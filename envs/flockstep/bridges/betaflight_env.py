@@ -49,11 +49,7 @@ class BetaflightEnv:
             raise ValueError(f"through: expected commands that are in time, got variations of {', '.join(late)}")
         self.envs, self.ticks = envs, ticks
         self.bridge = BetaflightBridge(batch)
-        frame = batch.drone.to_dict()
-        rotors, mass = frame["rotors"], frame["mass_kg"]
-        least, most = (
-            4 * np.polyval(rotors["thrust_n"][::-1], rotors[f"{end}_speed_radps"]) / mass for end in ("min", "max")
-        )
+        least, most = self.bridge.thrust_mps2
         most = min(most, 9.81 * getattr(task, "max_thrust_to_weight", np.inf))
         turns = np.radians([batch.dynamics.max_rate_dps] * 2 + [batch.dynamics.max_yaw_rate_dps])
         self._down = np.array([9.81 - least, *turns])
