@@ -19,6 +19,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/select.h>
 #include <sys/socket.h>
 #include <time.h>
@@ -58,6 +59,7 @@ static void* (*tcp_worker)(void*);  // NULL: has begun
 
 __attribute__((constructor)) static void begin(void) {
   const char* file = getenv("FLOCKSTEP_LOCKSTEP");
+  prctl(PR_SET_PDEATHSIG, SIGKILL);  // ends with the program that started it; copies end with their sockets
   if (file == NULL) return;
   simulator = atoi(file);
   signal(SIGCHLD, SIG_IGN);  // nobody waits for the copies
