@@ -43,20 +43,8 @@ SETTINGS: Mapping[str, str | int] = {
 }
 
 #: A request to the library: two numbers, fdm_packet and rc_packet [platform/SIMULATOR/target/SITL/target.h].
-_REQUEST = np.dtype(
-    [
-        ("tick_ns", "<i8"),
-        ("has_packets", "<i8"),
-        ("time_s", "<f8"),
-        ("gyro", "<f8", 3),
-        ("force", "<f8", 3),
-        ("quat_wxyz", "<f8", 4),
-        ("velocity_and_position", "<f8", 6),  # for GPS, which this target does not have
-        ("pressure_pa", "<f8"),
-        ("sticks_time_s", "<f8"),
-        ("channels", "<u2", 16),
-    ]
-)
+_NAMES = ["tick_ns", "has_packets", "time_s", "gyro", "force", "quat_wxyz", "gps", "pressure_pa", "sent_s", "channels"]
+_REQUEST = np.dtype({"names": _NAMES, "formats": ["i8", "i8", "f8", "3f8", "3f8", "4f8", "6f8", "f8", "f8", "16u2"]})
 _INITIALISED_S, _READY_S, _ARMED_S = 1.0, 7.5, 8.0  # from 7.5 s on it is calibrated and may be armed
 _THROTTLE, _YAW, _ARM, _ANGLE = 2, 3, 4, 5  # channels, after roll and pitch
 _MIN_CHECK_US = 1050  # below it the throttle counts as closed [main/pg/rx.c]
@@ -87,22 +75,14 @@ def _library() -> bytes:
     """Compile the library."""
     source = Path(__file__).with_name("betaflight_lockstep.c")
     with tempfile.TemporaryDirectory() as name:
-        command = [
-            *os.environ.get("CC", "cc").split(),
-            "-O2",
-            "-shared",
-            "-fPIC",
-            "-o",
-            f"{name}/it",
-            str(source),
-            "-ldl",
-        ]
+        made = f"{name}/lockstep.so"
+        command = [*os.environ.get("CC", "cc").split(), "-O2", "-shared", "-fPIC", str(source), "-o", made, "-ldl"]
         try:
             subprocess.run(command, check=True, capture_output=True)
         except (OSError, subprocess.CalledProcessError) as error:
             reason = getattr(error, "stderr", b"") or str(error)
             raise OSError(f"Betaflight needs a C compiler: install gcc, or set CC. {command[0]}: {reason!r}") from error
-        return (Path(name) / "it").read_bytes()
+        return Path(made).read_bytes()
 
 
 def _start(folder: Path, environment: Mapping[str, str], **options: Any) -> subprocess.Popen[bytes]:
@@ -117,14 +97,13 @@ def _start(folder: Path, environment: Mapping[str, str], **options: Any) -> subp
 @functools.lru_cache(maxsize=16)
 def _configured(lines: tuple[str, ...]) -> bytes:
     """Return the firmware's file of settings after lines of its command line, which it takes over TCP in real time."""
-    with (
-        tempfile.TemporaryDirectory() as name,
-        _start(Path(name), {}, stderr=subprocess.PIPE) as firmware,
-    ):
+    with tempfile.TemporaryDirectory() as name, _start(Path(name), {}, stderr=subprocess.PIPE) as firmware:
         try:
             told: Any = firmware.stderr
             ports = (re.match(rb"port 5761 is (\d+)", line) for line in told)  # that of the first serial port
-            port = next(int(match[1]) for match in ports if match)
+            port = next((int(match[1]) for match in ports if match), None)
+            if port is None:
+                raise OSError("Betaflight: it ended before its command line could be used")
             with socket.create_connection(("localhost", port), 5.0) as link:
                 link.settimeout(0.2)
                 for _ in range(40):
@@ -180,7 +159,7 @@ class _Armed:
         request["channels"][[_THROTTLE, _ARM, _ANGLE]] = 1000
         self.ticks = int(_ARMED_S * 1e9) // tick_ns
         for tick in range(self.ticks):
-            request["time_s"] = request["sticks_time_s"] = now_s = tick * tick_ns * 1e-9
+            request["time_s"] = request["sent_s"] = now_s = tick * tick_ns * 1e-9
             request["has_packets"] = now_s >= _INITIALISED_S
             request["channels"][_ARM] = 2000 if now_s >= _READY_S else 1000
             self._link.send(self.request.tobytes())
@@ -330,7 +309,7 @@ class BetaflightBridge:
         # and yaw of the attitude [main/flight/imu.c: imuComputeRotationMatrix].
         requests["gyro"], requests["force"] = turn * _FLIPPED[1:], -force
         requests["quat_wxyz"], requests["pressure_pa"] = batch.quat_wxyz * _FLIPPED, pressure_pa(batch.position[:, 2])
-        requests["time_s"] = requests["sticks_time_s"] = self._ticks * (self._tick_ns * 1e-9)
+        requests["time_s"] = requests["sent_s"] = self._ticks * (self._tick_ns * 1e-9)
         self._ticks += 1
         try:
             for row, link in self._links.items():

@@ -34,6 +34,7 @@ def rows(race: Training) -> dict[str, Training]:
         judged=judged,
         over=("firmware",),
         figures={"lap_s": ("firmware", "lap_s"), "success_by_preset": ("preset", "success")},
+        film={**race.film, **BY_BETAFLIGHT},
         flights=100,
         bench=("betaflight", "ppo", 5),
     )
