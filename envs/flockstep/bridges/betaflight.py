@@ -263,7 +263,11 @@ class BetaflightBridge:
         rows: Any = self._requests.view(np.uint8).reshape(count, -1), self._signals.view(np.uint8)
         self._sent, self._received = ([memoryview(row) for row in each] for each in rows)
         self._links: dict[int, socket.socket] = {}
-        self.restart()
+        try:
+            self.restart()
+        except BaseException:
+            self.close()
+            raise
 
     def restart(self, rows: npt.ArrayLike | None = None) -> None:
         """Give drones, by default all, a firmware that has just been armed; ``rows`` are indices."""
@@ -291,9 +295,14 @@ class BetaflightBridge:
         and yaw to the right in [-1, 1]; beyond these they are clipped.
         """
         batch, requests, count = self.batch, self._requests, len(self._sent)
-        given = np.broadcast_to(np.asarray(sticks, float), (count, 4))
+        given = np.asarray(sticks)
+        if given.shape not in ((count, 4), (1, 4), (4,)) or given.dtype.kind not in "fiu":
+            raise ValueError(
+                f"sticks: expected numbers ({count}, 4), or a row for all, got {given.dtype} {given.shape}"
+            )
         if not np.isfinite(given).all():
             raise ValueError(f"sticks: expected finite numbers, got {given[~np.isfinite(given)][0]}")
+        given = np.broadcast_to(given, (count, 4))
         if batch.num_drones != count:
             raise RuntimeError(f"batch: expected {count} drones, as when the bridge was made, got {batch.num_drones}")
         requests["channels"][:, : _YAW + 1] = np.round(1500.0 + 500.0 * np.clip(given, -1.0, 1.0))
@@ -325,7 +334,7 @@ class BetaflightBridge:
 
     def fly(self, sticks: npt.ArrayLike, ticks: int = 1) -> Contact:
         """Fly with these sticks, as of `motors`, for some ticks; return the contacts of the last one."""
-        if ticks < 1:
+        if isinstance(ticks, bool) or not isinstance(ticks, (int, np.integer)) or ticks < 1:
             raise ValueError(f"ticks: expected an integer >= 1, got {ticks!r}")
         for _ in range(ticks):
             contact = self.batch.fly(self.motors(sticks) * self.full_speed_radps, ticks=1, control="rotor_speeds")

@@ -164,8 +164,12 @@ def test_bad_sticks_and_ended_processes_are_told():
     bridge = BetaflightBridge(batch_of(2))
     with refused(ValueError, "sticks", "nan"):
         bridge.fly([0, np.nan, 0, 0])
-    with refused(ValueError, "ticks", 0):
-        bridge.fly([0, 0, 0, 0], 0)
+    for sticks in ([0, 0], "full", None, [[0, 0, 0, 0]] * 3):
+        with refused(ValueError, "sticks", "(2, 4)"):
+            bridge.motors(sticks)
+    for ticks in (0, 1.0, True):
+        with refused(ValueError, "ticks", ticks):
+            bridge.fly([0, 0, 0, 0], ticks)
     with pytest.raises(IndexError):
         bridge.restart([2])
     before = bridge.batch.flown
