@@ -30,7 +30,7 @@ from flockstep.rotations import rotate
 
 Array = npt.NDArray[Any]
 
-#: What differs from the defaults of the firmware, as names and values of its command line. Sticks are the steps of a
+#: Settings that differ from the firmware's defaults, by their names in its command line. Sticks are the steps of a
 #: policy, which neither a filter nor a feedforward term may take for a pilot's motion, and a start in the air is no
 #: takeoff. Gains, filters and limits stay as they are.
 SETTINGS: Mapping[str, str | int] = {
