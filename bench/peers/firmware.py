@@ -114,7 +114,7 @@ def measure_fit() -> Iterator[Measured]:
     )
     fitted = controller_of(fit.x)
     for name in FITTED:
-        yield f"betaflight/fit/{name}", getattr(fitted, name), "s" if name.endswith("_s") else "1", 1
+        yield f"betaflight/fit/{name}", getattr(fitted, name), "s" if name == "command_lag_s" else "1", 1
     axis = manoeuvres()[1][:, 0]
     kinds = {"fitted": fitted, "preset": controllers["betaflight"], "default": flockstep.ControllerConfig()}
     for kind, controller in kinds.items():

@@ -155,7 +155,7 @@ def make_flown(
         raise ValueError(f"through: expected 'betaflight' or None, got {through!r}")
     from flockstep.bridges import betaflight_env  # needs what an extra installs
 
-    return betaflight_env.make(env, num_envs, **keywords)
+    return betaflight_env.make(caller, env, num_envs, **keywords)
 
 
 def first_episodes(

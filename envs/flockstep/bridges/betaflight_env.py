@@ -8,7 +8,7 @@ import numpy as np
 
 from flockstep._core import ObservationConfig, time_limit
 from flockstep.bridges.betaflight import Array, BetaflightBridge
-from flockstep.registration import make_by_id
+from flockstep.registration import make_by_id, make_same_step
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
 
@@ -95,24 +95,22 @@ class BetaflightEnv:
         self.envs.close()
 
 
-def make(env: Any, num_envs: int, **keywords: Any) -> BetaflightEnv:
+def make(caller: str, env: Any, num_envs: int, **keywords: Any) -> BetaflightEnv:
     """Make an environment by its id or from a task, with the keywords of `DroneVectorEnv`, flown by Betaflight."""
-
-    def made(count: int, **more: Any) -> DroneVectorEnv:
-        all_of_them = {**keywords, **more, "autoreset_mode": "disabled", "copy": False}
-        if isinstance(env, str):
-            return make_by_id(env, count, **all_of_them)
-        return DroneVectorEnv(count, task=env, **all_of_them)
-
-    usual = made(1)
-    hz, episode = usual.batch.clock.policy_hz, usual.recipe.episode
-    limit = episode.max_episode_steps
+    usual = make_same_step(caller, env, 1, **keywords)
+    hz, episode, limit = usual.batch.clock.policy_hz, usual.recipe.episode, time_limit(usual.task)
     usual.close()
     if episode.frame_skip != 1:
         raise ValueError(f"through: expected frame_skip=1, got {episode.frame_skip}")
     ticks = int(np.ceil(TICKS_HZ / hz - 1e-9))
-    steps = time_limit(usual.task) if limit is None else limit
-    envs = made(num_envs, policy_hz=hz * ticks, physics_hz=hz * ticks, max_episode_steps=ticks * steps)
+    steps = limit if episode.max_episode_steps is None else episode.max_episode_steps
+    keywords.update(policy_hz=hz * ticks, physics_hz=hz * ticks, max_episode_steps=ticks * steps)
+    keywords.update(autoreset_mode="disabled", copy=False)
+    envs = (
+        make_by_id(env, num_envs, **keywords)
+        if isinstance(env, str)
+        else DroneVectorEnv(num_envs, task=env, **keywords)
+    )
     try:
         return BetaflightEnv(envs, ticks)
     except BaseException:

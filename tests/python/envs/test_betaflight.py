@@ -186,7 +186,7 @@ def test_bad_sticks_and_ended_processes_are_told():
 def test_actions_mean_the_same_as_in_the_task():
     envs = flockstep.DroneVectorEnv(64, task=flockstep.RaceConfig(), num_threads=1)
     envs.reset(seed=3)
-    through = betaflight_env.make("flockstep/Race-v0", 1)
+    through = betaflight_env.make("evaluate", "flockstep/Race-v0", 1)
     batch = flat_batch(envs.batch.worlds, 64, drone="racer5", dynamics=envs.batch.dynamics, clock=envs.batch.clock)
     batch.flown = envs.batch.flown
     actions = np.random.default_rng(0).uniform(-1.3, 1.3, (64, 4)).astype(np.float32)
@@ -200,7 +200,7 @@ def test_actions_mean_the_same_as_in_the_task():
 
 @needs_firmware
 def test_what_a_policy_observes_lacks_one_change_of_the_motors(monkeypatch):
-    through = betaflight_env.make("flockstep/Race-v0", 8)
+    through = betaflight_env.make("evaluate", "flockstep/Race-v0", 8)
     observation, _ = through.reset(seed=3)
     by_task, own_step = [], through.envs.step
 
@@ -229,6 +229,7 @@ def test_what_a_policy_observes_lacks_one_change_of_the_motors(monkeypatch):
         ("through", {"observed": flockstep.ObservationConfig(history=2)}),
         ("through", {"variations": flockstep.vary(action_delay_s=0.01)}),
         ("through", {"frame_skip": 2}),
+        ("evaluate", {"copy": True}),
     ],
 )
 def test_tasks_that_do_not_fit_are_refused(field, keywords):
