@@ -203,7 +203,7 @@ class BetaflightBridge:
         The drones: ``motion="rotors"`` and an airframe that fits Betaflight's mixer QUAD X, with any ``control``.
         Full sticks command its ``max_rate_dps`` and ``max_yaw_rate_dps``.
     settings
-        Names and values of Betaflight's command line, in addition to `SETTINGS` or instead of them.
+        Names and values of Betaflight's command line, in addition to those of ``SETTINGS`` or instead of them.
     imu
         Name of the IMU that the firmware reads, with its errors. None: the exact rates and forces.
     angle
