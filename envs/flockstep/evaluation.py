@@ -165,7 +165,7 @@ def first_episodes(
     seed: int,
     watch: Callable[[Any, npt.NDArray[np.bool_]], None] | None = None,
 ) -> list[dict[str, Any]]:
-    """Fly ``envs`` of ``make_flown`` until each row has ended an episode; return the infos of these ends, close the envs.
+    """Fly envs of ``make_flown`` until each row has ended an episode; return the infos of these ends, close the envs.
 
     After each step ``watch`` is called with the observation, and a mask (N,) of the rows whose first episode goes on.
     """

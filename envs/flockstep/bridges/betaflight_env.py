@@ -19,8 +19,8 @@ TICKS_HZ = 1000.0
 class BetaflightEnv:
     """Flies the steps of a `DroneVectorEnv` by Betaflight. ``make`` makes both.
 
-    A step of this environment is ``ticks`` steps of the other one, each of one tick. The drones fly by the motors of the
-    firmware, and the task scores and observes them. Its own step comes first and moves a drone by the built-in
+    A step of this environment is ``ticks`` steps of the other one, each of one tick. The drones fly by the motors of
+    the firmware, and the task scores and observes them. Its own step comes first and moves a drone by the built-in
     controller, from the same state for the same tick, but then the firmware's tick replaces this one. So what a policy
     observes lacks the change of the motors in the last tick: in a race at most 0.01 rad/s of roll and pitch, 0.15 of
     yaw, a millimetre per second and a micrometre.
