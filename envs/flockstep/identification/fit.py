@@ -108,7 +108,7 @@ def fit(
         if name not in known:
             raise ValueError(f"keep: expected names among {', '.join(known)}, got {name!r}{did_you_mean(name, known)}")
     drone = like if isinstance(like, DroneModel) else DroneModel.load(like)
-    if not drone.mass_kg:
+    if "mass_kg" not in drone.to_dict():
         raise ValueError(f"like: expected a drone with an airframe, got {drone!r}")
     given = list(logs)
     flights = [each for each in given if isinstance(each, Flight)]

@@ -55,6 +55,8 @@ class Flight(NamedTuple):
     position: Array | None
     velocity: Array | None
     attitude: Array | None
+    #: The log has no gyroscope, or no pitch: rates are slopes of angles, the pitch is that of the force.
+    is_estimated: bool
 
     @property
     def duration_s(self) -> float:
@@ -146,7 +148,7 @@ def _flight(
         values = [np.unwrap(columns[n]) if n in ATTITUDE else columns[n] for n in names]
         return np.stack([np.interp(grid, time_s, value) for value in values], axis=1)
 
-    held = command[np.searchsorted(time_s, grid, side="right") - 1]
+    held = command[np.searchsorted(time_s, grid + 0.01 * dt_s, side="right") - 1]  # times on the grid are rounded
     attitude, gyro = measured(ATTITUDE), measured(GYRO)
     acceleration = measured(ACCELERATION)
     force = measured(ACCELEROMETER)
@@ -163,9 +165,11 @@ def _flight(
             attitude = np.concatenate([roll, _pitch_of(world, yaw)[:, None], yaw], axis=1)
     if force is None:
         raise ValueError(f"{path}: {ACCELERATION[0]}: expected all three axes, got {', '.join(sorted(columns))}")
+    is_estimated = gyro is None or (attitude is not None and "pitch_rad" not in columns)
     if gyro is None and attitude is not None:
         gyro = _rates_of(attitude, dt_s)
-    return Flight(path, grid, dt_s, free, held, gyro, force, measured(POSITION), measured(VELOCITY), attitude)
+    moved = measured(POSITION), measured(VELOCITY)
+    return Flight(path, grid, dt_s, free, held, gyro, force, *moved, attitude, is_estimated)
 
 
 def _pitch_of(force: Array, yaw: Array) -> Array:

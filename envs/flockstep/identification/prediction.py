@@ -21,7 +21,9 @@ Map = Callable[[Array], Array]
 
 #: Before each segment, where attitudes and rates that the log lacks are fitted; and time from segment to segment.
 _BEFORE_S, _EVERY_S = 0.3, 0.25
-_TICK_S = 1e-3
+#: Over which the gyroscope's noise is averaged.
+_GYRO_S = 0.01
+_TICK_S, _MOST_S = 1e-3, 10.0
 _HALF_ROOM_M = 1e4
 
 
@@ -67,8 +69,8 @@ def predict(
 ) -> Errors:
     """Fly the commands of segments of flights, and compare with the logs after each horizon.
 
-    All segments fly at once. Each begins with the logged state; attitude and rates are lines through the last 0.3 s.
-    A flight without velocities compares body rates only.
+    All segments fly at once. Each begins with the logged state; pitch and rates that were not measured are lines
+    through the last 0.3 s. A flight without velocities compares body rates only.
 
     Parameters
     ----------
@@ -87,11 +89,21 @@ def predict(
         motors. 0: they stay as they are.
     """
     horizons = sorted(horizons_s)
+    if not horizons:
+        raise ValueError("horizons_s: expected at least one time, got none")
+    for horizon in horizons:
+        if not _TICK_S <= horizon <= _MOST_S:
+            raise ValueError(f"horizons_s: expected times in [{_TICK_S:g}, {_MOST_S:g}], got {horizon!r}")
     steps = [round(horizon / _TICK_S) for horizon in horizons]
-    moves = flights[0].velocity is not None
+    kinds = {all(each is not None for each in (f.position, f.velocity, f.attitude)) for f in flights}
+    if len(kinds) > 1:
+        raise ValueError("flights: expected positions, velocities and attitudes of all or none, got some")
+    moves = True in kinds
+    if not 0 <= trim_s <= _MOST_S:
+        raise ValueError(f"trim_s: expected a time in [0, {_MOST_S:g}], got {trim_s!r}")
     starts = [(flight, k) for flight in flights for k in _starts(flight, horizons[-1], max(trim_s, _BEFORE_S))]
     if not starts:
-        raise ValueError(f"flights: expected one that lasts {horizons[-1] + _BEFORE_S:g} s in the air, got none")
+        raise ValueError(f"flights: expected one in the air for {horizons[-1] + max(trim_s, _BEFORE_S):g} s, got none")
     command = np.stack([_commands(flight, k, steps[-1], to_speed, delay_s) for flight, k in starts])
     state = [_start(flight, k) for flight, k in starts]
     attitude, rates = (np.stack([each[k] for each in state]) for k in (0, 1))
@@ -152,10 +164,12 @@ def _starts(flight: Flight, longest_s: float, earliest_s: float) -> range:
 
 def _start(flight: Flight, k: int) -> tuple[Array, Array]:
     """Return roll, pitch, yaw and body rates at a sample, from it and the samples before."""
+    if not flight.is_estimated and flight.gyro is not None:
+        few = max(round(_GYRO_S / flight.dt_s), 1)
+        level = np.zeros(3) if flight.attitude is None else flight.attitude[k]
+        return level, flight.gyro[k - few + 1 : k + 1].mean(axis=0)
     if flight.attitude is None:
-        assert flight.gyro is not None
-        few = max(round(0.01 / flight.dt_s), 1)
-        return np.zeros(3), flight.gyro[k - few + 1 : k + 1].mean(axis=0)
+        raise ValueError(f"{flight.name}: gyro_x_radps: expected this column, or angles, got none")
     span = slice(k - round(_BEFORE_S / flight.dt_s), k + 1)
     time = flight.time_s[span] - flight.time_s[k]
     slope, now = np.polyfit(time, flight.attitude[span], 1)

@@ -26,6 +26,8 @@ _TYPES = frozenset("BHIQbhiqfd")
 _TIME = struct.Struct("<HQ")  # of a record: its event, and microseconds
 _CRC = struct.Struct("<I")
 _MOST_BYTES = 1 << 30
+#: Beyond any time since 1970 in seconds, and any measurement.
+_MOST = 1e10
 
 
 class Table(NamedTuple):
@@ -167,10 +169,10 @@ def _check(table: Table) -> None:
     if not {ACCELEROMETER[2], ACCELERATION[2]} & names:
         raise ValueError(f"{path}: {ACCELEROMETER[2]}: expected this column, or acc.z, got {', '.join(sorted(names))}")
     for name in sorted(names, key=NAMES.index):
-        bad = np.flatnonzero(~np.isfinite(columns[name]))
+        bad = np.flatnonzero(~(np.abs(columns[name]) <= _MOST))
         if bad.size:
             raise ValueError(
-                f"{path}: {name}: expected finite numbers, got {columns[name][bad[0]]} in row {bad[0] + 1}"
+                f"{path}: {name}: expected numbers up to {_MOST:g}, got {columns[name][bad[0]]:g} in row {bad[0] + 1}"
             )
         if name.startswith(("motor_", "duty_")):
             low, high = columns[name].min(initial=0.0), columns[name].max(initial=0.0)
