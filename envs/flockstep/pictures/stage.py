@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -197,8 +198,10 @@ class Stage:
             self._batches[world, fast] = Batch(world, cameras=[camera], max_bodies=_SPAWNED)
         batch = self._batches[world, fast]
         batch.bodies.remove()
-        for body in bodies:
-            batch.bodies.spawn(body)
+        for body in bodies:  # a configuration without its pose is the same one in each picture, and known to the batch
+            unplaced = copy.copy(body)
+            unplaced.position_m, unplaced.quat_wxyz = (0, 0, 0), (1, 0, 0, 0)
+            batch.bodies.spawn(unplaced, [body.position_m], [body.quat_wxyz])
         return take_by(batch, viewer, turn)
 
     def forget(self) -> None:
@@ -244,7 +247,8 @@ def light_rims(rgb: Image, is_drone: npt.NDArray[np.bool_]) -> None:
     rows = np.flatnonzero(is_drone.any(axis=1))
     part = slice(max(rows[0] - 1, 0), rows[-1] + 2) if len(rows) else slice(0)
     inside = is_drone[part]
-    beside = ~inside & (rgb[part].max(axis=-1) < _DARK)
+    red, green, blue = (rgb[part, :, color] for color in range(3))
+    beside = ~inside & (np.maximum(np.maximum(red, green), blue) < _DARK)  # a maximum over the last axis takes longer
     for _ in range(line_px(rgb.shape[1])):
         wide = np.pad(beside, 1)
         beside |= wide[2:, 1:-1] | wide[:-2, 1:-1] | wide[1:-1, 2:] | wide[1:-1, :-2]
