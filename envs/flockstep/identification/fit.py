@@ -65,11 +65,6 @@ class Fit:
     warnings: list[str]
     flights: list[Flight]
 
-    @property
-    def commands(self) -> tuple[float, float]:
-        """Range of lagged commands that were flown."""
-        return self.thrust[0][0], self.thrust[-1][0]
-
 
 def fit(
     logs: Iterable[str | PathLike[str] | Flight],

@@ -27,8 +27,6 @@ Array = npt.NDArray[np.float64]
 
 #: Length of the window, and its fewest samples.
 _WINDOW_S, _WINDOW_SAMPLES = 0.06, 7
-#: The channels, in their order, with the parameters that only they determine.
-CHANNELS = ("thrust", "roll", "pitch", "yaw", "drag_x", "drag_y")
 
 
 @dataclass(frozen=True)
