@@ -53,6 +53,12 @@ def made(found: Fit) -> DroneModel:
     return DroneModel.from_dict(drone_data(found))
 
 
+def tilt(found: Fit) -> float:
+    """Return the roll after half a second of a motor that is one percent stronger, in rad."""
+    arm = float(np.abs(np.array(found.like.to_dict()["rotors"]["position_m"])[0, 1]))
+    return 0.01 * 9.81 / 4 * arm / found.parameters.inertia_x * 0.5**2 / 2
+
+
 def numbers(logs: Path) -> Iterator[Measured]:
     """Fit all three logs, and the thrust alone."""
     thrust = without_gyro(read_flights([logs / "log10"]))
@@ -69,6 +75,9 @@ def numbers(logs: Path) -> Iterator[Measured]:
                 yield f"reality/number/{name}/{who}", scale * getattr(found.parameters, name), unit, 1
                 yield f"reality/half_interval/{name}/{who}", scale * found.half_widths[name], unit, 1
         yield f"reality/number/{name}/bundled", scale * getattr(bundled, name), unit, 1
+    half = fit([logs / name for name in ("log10", "log15@52-72", "log16@30-42")])
+    yield "reality/number/lag_s/first_half", 1e3 * half.parameters.lag_s, "ms", 1
+    yield "reality/number/tilt_by_one_percent/logs", np.degrees(tilt(whole)), "deg", 1
     full = 4 * (whole.parameters.thrust(np.ones(1))[0]) / 9.81
     yield "reality/number/thrust_to_weight/logs", float(full), "1", 1
     yield "reality/number/thrust_to_weight/bundled", DroneModel.load("crazyflie").thrust_to_weight, "1", 1
@@ -106,6 +115,7 @@ def rates(logs: Path) -> Iterator[Measured]:
                 delay_s=fitted.parameters.delay_s,
             ),
         }
+        yield f"reality/starts/{name}", tries["fitted"].segments, "1", 1
         yield from told(name, "guess", tries["fitted"].of_guess, tries["fitted"].segments)
         for who, errors in tries.items():
             yield from told(name, who, errors.of_model, errors.segments)
@@ -131,6 +141,7 @@ def hover(sysid: Path, pad: Path) -> Iterator[Measured]:
             "fitted": predict(flights, drone, linear_map(drone), HOVER_HORIZONS_S, trim_s=1.0),
             "trim_of_e8": predict(flights, drone, linear_map(drone, free), HOVER_HORIZONS_S),
         }
+        yield f"reality/starts/{name}", tries["fitted"].segments, "1", 1
         yield from told(name, "guess", tries["fitted"].of_guess, tries["fitted"].segments)
         for who, errors in tries.items():
             yield from told(name, who, errors.of_model, errors.segments)
