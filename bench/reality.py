@@ -29,7 +29,7 @@ HOVER_HORIZONS_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 #: What only the drone file knows if thrust and trim are fitted and nothing else.
 ITS_OWN = ("lag_s", "delay_s", "inertia_x", "inertia_y", "torque_ratio", "spin")
 SCALES = {"lag_s": 1e3, "delay_s": 1e3, "inertia_x": 1e4, "inertia_y": 1e4, "torque_ratio": 1e3, "spin": 1e4}
-UNITS = {"lag_s": "ms", "delay_s": "ms", "inertia_x": "cm2", "inertia_y": "cm2", "torque_ratio": "mm", "spin": "cm2/s"}
+UNITS = {"lag_s": "ms", "delay_s": "ms", "inertia_x": "cm²", "inertia_y": "cm²", "torque_ratio": "mm", "spin": "cm²/s"}
 
 
 def folder(name: str) -> Path:

@@ -110,15 +110,18 @@ def fit(
     flights += read_flights([each for each in given if not isinstance(each, Flight)], drone.num_rotors)
     if not flights:
         raise ValueError("logs: expected at least one log, got none")
-    problem = _Problem(flights, frame_of(drone))
+    parameters = parameters_of(drone)
+    problem = _Problem(flights, frame_of(drone), parameters)
     names = [name for name in problem.names() if name not in keep]
-    parameters, halves, warnings = parameters_of(drone), {}, []
+    warnings: list[str] = []
     if problem.blocks < 2 * len(names):
         raise ValueError(
             f"logs: expected at least {len(names) * 2 * _BLOCK_S:g} s of flight beside take-off and landing, "
             f"got {sum(flight.duration_s for flight in flights):.1f}"
         )
-    for _ in range(5):
+    while True:
+        if not names:
+            raise ValueError("keep: expected at least one number that the logs determine, got none")
         fitted, covariance, quantile = problem.solve(parameters, names)
         halves = dict(zip(names, quantile * np.sqrt(np.diag(covariance)), strict=True))
         thrust = _thrust_levels(problem, fitted, names, covariance, quantile)
@@ -139,15 +142,15 @@ def fit(
 class _Problem:
     """Flights, their residuals, and the blocks that these belong to."""
 
-    def __init__(self, flights: Sequence[Flight], frame: Frame) -> None:
+    def __init__(self, flights: Sequence[Flight], frame: Frame, start: Parameters) -> None:
         self.flights, self.frame = flights, frame
+        self.has = set(self.compared(start))
         self._scale: dict[str, float] = {}
         self.blocks = sum(max(round(flight.duration_s / _BLOCK_S), 1) for flight in flights)
         self.rotors = frame.position.shape[0]
 
     def names(self) -> list[str]:
         """Return the parameters that the flights' channels can determine."""
-        self.has = set().union(*(self._channels(flight, _neutral()).keys() for flight in self.flights))
         names = [name for channel, those in _OF_CHANNEL.items() if channel in self.has for name in those]
         has_air = any(flight.velocity is not None and flight.attitude is not None for flight in self.flights)
         return [name for name in names if name != "drag_z" or has_air]
@@ -203,12 +206,15 @@ class _Problem:
         from scipy.stats import t as student
 
         used = {channel for channel in self.has if set(_OF_CHANNEL[channel]) & set(names) or channel == "thrust"}
-        self._scale = {name: max(float(np.std(told)), 1e-9) for name, (told, _) in self.compared(start).items()}
-        first = np.array([_start(name, getattr(start, name)) for name in names])
         low, high = (np.array([_BOUNDS.get(name, (-np.inf, np.inf))[side] for name in names]) for side in (0, 1))
-        unit = np.maximum(np.abs(first), [_typical(name) for name in names])
-        found = first
-        for _ in range(2):
+        found = np.array([_start(name, getattr(start, name)) for name in names])
+        unit = np.maximum(np.abs(found), [_typical(name) for name in names])
+        best = start
+        for is_first in (True, False):
+            self._scale = {
+                name: max(float(np.std(told if is_first else told - model)), 1e-6 * float(np.std(told)), 1e-12)
+                for name, (told, model) in self.compared(best).items()
+            }
             solution: Any = least_squares(
                 lambda z: self._residuals(start.changed(names, z * unit), used),
                 np.clip(found / unit, low / unit + 1e-9, high / unit - 1e-9),
@@ -219,23 +225,13 @@ class _Problem:
             )
             found = solution.x * unit
             best = start.changed(names, found)
-            self._scale = {
-                name: max(float(np.std(told - model)), 1e-6 * float(np.std(told)), 1e-12)
-                for name, (told, model) in self.compared(best).items()
-            }
-        slope = solution.jac
-        block = self._block_of(best, used)
-        # The scale changed after the last solution: the covariance is that of its weights.
+        slope, block = solution.jac, self._block_of(best, used)
         score = np.zeros((self.blocks, len(names)))
         np.add.at(score, block, slope * solution.fun[:, None])
         bread = np.linalg.pinv(slope.T @ slope)
         free = max(self.blocks - len(names), 1)
         covariance = bread @ (score.T @ score) @ bread * (self.blocks / free) * np.outer(unit, unit)
         return best, covariance, float(student.ppf(0.975, free))
-
-
-def _neutral() -> Parameters:
-    return Parameters(**{field.name: 1e-3 for field in fields(Parameters)})
 
 
 def _start(name: str, value: float) -> float:
