@@ -24,6 +24,8 @@ _MOST_UNSURE, _MOST_UNSURE_THRUST = 0.3, 0.1
 #: Share of a channel's variance that the model must explain, and ratio of the strongest to the weakest thrust, for the
 #: channel to have been excited.
 _LEAST_EXPLAINED, _LEAST_RANGE = 0.3, 1.2
+#: Variance of a parameter without any effect, for which the formula gives 0.
+_UNKNOWN = 1e30
 _CURVE = ("thrust_0", "thrust_1", "thrust_2")
 _BOUNDS = {
     "thrust_scale": (1e-3, 1e3),
@@ -123,7 +125,7 @@ def fit(
         if not names:
             raise ValueError("keep: expected at least one number that the logs determine, got none")
         fitted, covariance, quantile = problem.solve(parameters, names)
-        halves = dict(zip(names, quantile * np.sqrt(np.diag(covariance)), strict=True))
+        halves = dict(zip(names, quantile * np.sqrt(np.maximum(np.diag(covariance), 0.0)), strict=True))
         thrust = _thrust_levels(problem, fitted, names, covariance, quantile)
         r2 = problem.explained(fitted)
         unsure = _undetermined(fitted, parameters, halves, thrust, r2)
@@ -231,6 +233,7 @@ class _Problem:
         bread = np.linalg.pinv(slope.T @ slope)
         free = max(self.blocks - len(names), 1)
         covariance = bread @ (score.T @ score) @ bread * (self.blocks / free) * np.outer(unit, unit)
+        covariance[np.diag_indices(len(names))] += np.where(np.abs(slope).max(axis=0) < 1e-9, _UNKNOWN, 0.0)
         return best, covariance, float(student.ppf(0.975, free))
 
 

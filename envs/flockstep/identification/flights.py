@@ -110,9 +110,10 @@ def flights_of(table: Table, rotors: int, first_s: float = -np.inf, last_s: floa
         command *= columns["battery_v"][:, None] / FULL_V
     flights = []
     for start, stop in _stretches(time_s, command.sum(axis=1) > _STOPPED):
+        samples = (time_s[stop - 1] - time_s[start]) / dt_s
+        if samples > _MOST_SAMPLES:
+            raise ValueError(f"{path}: time_s: expected even times, at most {_MOST_SAMPLES}, got {samples:.3g}")
         grid = np.arange(time_s[start], time_s[stop - 1], dt_s)
-        if grid.size > _MOST_SAMPLES:
-            raise ValueError(f"{path}: time_s: expected at most {_MOST_SAMPLES} samples, got {grid.size}")
         inside = (grid >= max(first_s, grid[0] + _EDGE_S)) & (grid <= min(last_s, grid[-1] - _EDGE_S))
         free = np.flatnonzero(inside)
         if free.size * dt_s >= _LEAST_S:

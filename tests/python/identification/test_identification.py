@@ -94,6 +94,14 @@ def test_an_axis_that_is_not_shaken_keeps_its_numbers_and_warns(still, noise, na
     assert "**Warning**" in report(found)
 
 
+def test_numbers_without_any_effect_are_not_determined(logs):
+    """A log whose velocity is always 0 says nothing about drag."""
+    still = {name: 0 * values if name.startswith("velocity") else values for name, values in logs[0].items()}
+    found = fit(flights_of(Table("flight", still), 4), GUESSED)
+    assert {"drag_x", "drag_y", "drag_z"} <= {warning.partition(":")[0] for warning in found.warnings}
+    assert "drag_x" not in found.half_widths
+
+
 def test_the_drone_file_loads_and_flies(fits, tmp_path):
     data = drone_data(fits[0], mass_kg=0.03, name="found")
     (tmp_path / "found.json").write_text(json.dumps(data))

@@ -56,6 +56,7 @@ CASES = {
     "command too large": (lambda c: changed(c, "motor_2", 5, 1.5), "motor_2", 1.5),
     "negative command": (lambda c: changed(c, "motor_1", 5, -0.5), "motor_1", -0.5),
     "huge": (lambda c: changed(c, "accelerometer_z_mps2", 5, 1e300), "accelerometer_z_mps2", "1e+300"),
+    "uneven": (lambda c: c | {"time_s": np.repeat(np.arange(250) * 0.09, 2) + np.tile([0, 1e-6], 250)}, "time_s"),
     "time goes back": (lambda c: changed(c, "time_s", 9, 3.0), "time_s"),
     "constant motor": (lambda c: c | {"motor_4": 0 * c["motor_4"] + 0.5}, "motor_4", 0.5),
     "short": (lambda c: {name: values[:150] for name, values in c.items()}, "time_s", 2, 1.49),
