@@ -260,7 +260,7 @@ BENCHES = {
     "imaging": Bench("colour detection, HSV and smaller images, in our kernels and in OpenCV", "imaging"),
     "plan": Bench("paths in every bundled world and twenty of each generator: time and length", "plan"),
     "raptor": Bench("the policy RAPTOR and ours on the same throws; pip downloads it into out/peers/", "raptor", True),
-    "reality": Bench("the flight model beside logs of real flights, in FLOCKSTEP_REAL_FLIGHTS", "peers.real_flights", True),
+    "reality": Bench("fits of real flights, which are in FLOCKSTEP_REAL_FLIGHTS", "peers.real_flights", True),
     "variations": Bench("steps with drones that differ beside drones alike; memory", "variations"),
     "rotors_varied": Bench("two trainings with drones that differ and without", "tasks:measure_varied", True),
     "race": Bench("steps of Race, with gates that are solid and with gates that are not", "tasks:measure_race"),

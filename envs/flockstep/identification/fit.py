@@ -132,7 +132,8 @@ def fit(
         if not unsure:
             break
         for name in unsure:
-            warnings.append(_doubt(name, fitted, parameters, halves, r2, drone))
+            if name not in _CURVE[1:]:
+                warnings.append(_doubt(name, fitted, parameters, halves, r2, drone))
         names = [name for name in names if name not in unsure]
         if set(unsure) & set(_CURVE):
             names.insert(0, "thrust_scale")
@@ -295,10 +296,9 @@ def _doubt(
     channel = next((channel for channel, those in _OF_CHANNEL.items() if name in those), "thrust")
     value, half, unit = getattr(fitted, name), halves[name], _UNITS.get(name, "")
     why = f"{value:.3g} ± {half:.2g} {unit}".rstrip()
+    source = like.name or "like"
+    if name in _CURVE:
+        return f"thrust curve: too small a range of thrust was flown. Scaled from {source}"
     if r2[channel] < _LEAST_EXPLAINED:
         why = f"{channel} was hardly excited: the model explains {100 * max(r2[channel], 0):.0f} % of its variance"
-    elif name in _CURVE:
-        why = "too small a range of thrust was flown"
-    return (
-        f"{name}: not determined ({why}). Kept from {like.name or 'like'}: {getattr(before, name):.3g} {unit}".rstrip()
-    )
+    return f"{name}: not determined ({why}). Kept from {source}: {getattr(before, name):.3g} {unit}".rstrip()

@@ -14,21 +14,21 @@ from flockstep.identification.flights import GRAVITY, Flight
 from flockstep.identification.model import Array, Windows, channels, frame_of, parameters_of
 from flockstep.identification.prediction import linear_map, predict
 
-#: Rows of the report: what is fitted, its name for readers, its factor to the unit shown.
+#: Rows of the report: what is fitted, its name for readers, its factor to the unit, and the unit behind numbers.
 _ROWS = {
     "thrust_scale": ("thrust, times the curve of the drone it began with", 1.0, ""),
-    "lag_s": ("motor lag", 1e3, "ms"),
-    "delay_s": ("delay, sensor included", 1e3, "ms"),
-    "inertia_x": ("inertia over mass, roll", 1e4, "cm²"),
-    "inertia_y": ("inertia over mass, pitch", 1e4, "cm²"),
-    "torque_ratio": ("torque over thrust", 1e3, "mm"),
-    "spin": ("angular momentum of a rotor at full command, over mass", 1e4, "cm²/s"),
-    "trim_roll": ("left motors stronger", 100.0, "%"),
-    "trim_pitch": ("rear motors stronger", 100.0, "%"),
-    "trim_yaw": ("clockwise motors stronger", 100.0, "%"),
-    "drag_x": ("drag over mass, forward", 1.0, "1/s"),
-    "drag_y": ("drag over mass, sideways", 1.0, "1/s"),
-    "drag_z": ("drag over mass, along the thrust", 1.0, "1/s"),
+    "lag_s": ("motor lag", 1e3, " ms"),
+    "delay_s": ("delay, sensor included", 1e3, " ms"),
+    "inertia_x": ("inertia over mass, roll", 1e4, " cm²"),
+    "inertia_y": ("inertia over mass, pitch", 1e4, " cm²"),
+    "torque_ratio": ("torque over thrust", 1e3, " mm"),
+    "spin": ("angular momentum of a rotor at full command, over mass", 1e4, " cm²/s"),
+    "trim_roll": ("left motors stronger", 100.0, " %"),
+    "trim_pitch": ("rear motors stronger", 100.0, " %"),
+    "trim_yaw": ("clockwise motors stronger", 100.0, " %"),
+    "drag_x": ("drag over mass, forward", 1.0, " 1/s"),
+    "drag_y": ("drag over mass, sideways", 1.0, " 1/s"),
+    "drag_z": ("drag over mass, along the thrust", 1.0, " 1/s"),
 }
 _HORIZONS_S = (0.1, 0.2, 0.5)
 
@@ -49,11 +49,11 @@ def report(fit: Fit, held_out: Sequence[Flight] = (), mass_kg: float | None = No
     for name, (label, factor, unit) in _ROWS.items():
         if name in fit.half_widths:
             value, half = factor * getattr(fit.parameters, name), factor * fit.half_widths[name]
-            lines.append(f"| {label} | {value:.3g} ± {half:.2g} {unit} | {factor * getattr(before, name):.3g} {unit} |")
+            lines.append(f"| {label} | {value:.3g} ± {half:.2g}{unit} | {factor * getattr(before, name):.3g}{unit} |")
     for x, value, half in fit.thrust:
         lines.append(f"| thrust over weight at command {x:.2f} | {value:.3f} ± {half:.3f} | |")
     lines += ["", "| channel | variance explained |", "|---|---:|"]
-    lines += [f"| {name} | {100 * share:.1f} % |" for name, share in fit.r2.items()]
+    lines += [f"| {name} | {f'{100 * share:.1f} %' if share > 0 else 'nothing'} |" for name, share in fit.r2.items()]
     lines += ["", *(f"- **Warning**: {warning}" for warning in fit.warnings)]
     if held_out:
         lines += ["", *_predictions(fit, held_out, mass_kg)]

@@ -38,7 +38,7 @@ def test_calm_flight_determines_trim_and_thrust_only():
     found = fit(flights, keep=["drag_z"])
     assert {"thrust_scale", "trim_roll", "trim_pitch", "trim_yaw"} <= found.half_widths.keys()
     kept = {warning.partition(":")[0] for warning in found.warnings}
-    assert {"inertia_x", "inertia_y", "torque_ratio", "lag_s", "thrust_2"} <= kept
+    assert {"inertia_x", "inertia_y", "torque_ratio", "lag_s", "thrust curve"} <= kept
     drone = flockstep.DroneModel.from_dict(drone_data(found))
     errors = predict(flights, drone, linear_map(drone), (0.1,), trim_s=1.0)
     assert errors.of_model["position"][0.1] < 0.01
