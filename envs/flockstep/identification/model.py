@@ -187,10 +187,7 @@ def channels(flight: Flight, frame: Frame, parameters: Parameters) -> dict[str, 
     if air is not None and np.isfinite(force).all():
         measured["drag_x"] = (force[:, 0], p.bias_x - p.drag_x * air[part, 0])
         measured["drag_y"] = (force[:, 1], p.bias_y - p.drag_y * air[part, 1])
-    result = {
-        name: (windows.means(np.stack(pair, axis=1))[:, 0], windows.means(np.stack(pair, axis=1))[:, 1])
-        for name, pair in measured.items()
-    }
+    result = {name: tuple(windows.means(np.stack(pair, axis=1)).T) for name, pair in measured.items()}
     if flight.gyro is not None:
         rates = flight.gyro
         speed_change = np.diff(x, axis=0, append=x[-1:])[part] / dt_s

@@ -53,7 +53,8 @@ def thrust_map(drone: DroneModel, scale: float = 1.0) -> Map:
 
     def speed(command: Array) -> Array:
         thrust = np.clip(command, 0, 1) * scale * drone.max_thrust_n
-        return np.asarray((-c1 + np.sqrt(np.maximum(c1 * c1 - 4 * c2 * (c0 - thrust), 0))) / (2 * c2))
+        root = np.sqrt(np.maximum(c1 * c1 - 4 * c2 * (c0 - thrust), 0))
+        return np.asarray((root - c1) / (2 * c2) if c2 else (thrust - c0) / c1)
 
     return speed
 
@@ -99,8 +100,9 @@ def predict(
     if len(kinds) > 1:
         raise ValueError("flights: expected positions, velocities and attitudes of all or none, got some")
     moves = True in kinds
-    if not 0 <= trim_s <= _MOST_S:
-        raise ValueError(f"trim_s: expected a time in [0, {_MOST_S:g}], got {trim_s!r}")
+    for name, value in (("delay_s", delay_s), ("trim_s", trim_s)):
+        if not 0 <= value <= _MOST_S:
+            raise ValueError(f"{name}: expected a time in [0, {_MOST_S:g}], got {value!r}")
     starts = [(flight, k) for flight in flights for k in _starts(flight, horizons[-1], max(trim_s, _BEFORE_S))]
     if not starts:
         raise ValueError(f"flights: expected one in the air for {horizons[-1] + max(trim_s, _BEFORE_S):g} s, got none")
@@ -125,7 +127,8 @@ def predict(
                 off = (off + np.pi) % (2 * np.pi) - np.pi
             errors.setdefault(quantity, {})[horizon] = float(np.sqrt(np.mean(off**2)))
 
-    for horizon, (p, q, v, w) in zip(horizons, flown, strict=True):
+    for horizon, step in zip(horizons, steps, strict=True):
+        p, q, v, w = flown[step]
         ends = [(flight, k + round(horizon / flight.dt_s)) for flight, k in starts]
         if not moves:
             note("rates", horizon, np.stack([f.gyro[k] for f, k in ends if f.gyro is not None]), w, rates)
@@ -205,7 +208,7 @@ def _fly(
     velocity: Array,
     rates: Array,
     speeds: Array,
-) -> list[tuple[Array, Array, Array, Array]]:
+) -> dict[int, list[Array]]:
     """Return position, attitude, velocity and body rates after some ticks of commands (segments, ticks, rotors)."""
     room = {"min": [-_HALF_ROOM_M] * 3, "max": [_HALF_ROOM_M] * 3}
     batch = Batch(
@@ -217,10 +220,10 @@ def _fly(
     )
     batch.set_pose(position, quat_from_rpy(attitude))
     batch.set_velocity(velocity, rates, speeds)
-    found = []
+    found = {}
     for tick in range(steps[-1]):
         batch.fly(command[:, tick])
         if tick + 1 in steps:
             state = (batch.position, batch.quat_wxyz, batch.velocity, batch.angular_velocity)
-            found.append(tuple(np.array(each, float) for each in state))
-    return found  # type: ignore[return-value] # four each
+            found[tick + 1] = [np.array(each, float) for each in state]
+    return found

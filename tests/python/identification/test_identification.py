@@ -5,12 +5,13 @@ import warnings
 
 import numpy as np
 import pytest
-from flight_logs import GUESS, TRIM, TRUTH, crazyflie_bytes, csv_text, fly_logs
+from flight_logs import GUESS, OPEN, TRIM, TRUTH, crazyflie_bytes, csv_text, fly_logs
 
 import flockstep
 from flockstep.identification import drone_data, fit, flights_of, linear_map, predict, read_flights, report, thrust_map
 from flockstep.identification.model import frame_of, parameters_of
 from flockstep.identification.reading import Table
+from flockstep.rotations import rotate, rpy_from_quat
 
 SECONDS, DELAY_TICKS = 25.0, 2
 GUESSED = flockstep.DroneModel.from_dict(GUESS)
@@ -61,6 +62,43 @@ def test_intervals_are_small(fits):
         for name in ("lag_s", "inertia_x", "inertia_y", "torque_ratio", "spin", "drag_x", "drag_y", "drag_z"):
             assert found.half_widths[name] <= 0.05 * getattr(truth(), name), name
         assert min(found.r2.values()) > 0.98
+
+
+def test_six_rotors_under_the_engines_controller():
+    """A hexarotor whose rotors follow at once, so that the logged speeds are the commands."""
+    drone = flockstep.DroneModel.load("f550")
+    data = drone.to_dict()
+    batch = flockstep.Batch(
+        [OPEN],
+        1,
+        drone=drone,
+        dynamics=flockstep.DynamicsConfig(motion="rotors", control="body_rates", rotor_lag=False),
+        clock=flockstep.ClockConfig(policy_hz=250, physics_hz=250),
+    )
+    batch.set_pose([0, 0, 0])
+    random = np.random.default_rng(0)
+    rows = []
+    for goal in np.repeat(random.uniform(-1, 1, (100, 4)), 50, axis=0):
+        quat, velocity = np.array(batch.quat_wxyz, float), np.array(batch.velocity, float)
+        rates = np.array(batch.angular_velocity[0], float)
+        turn = -3 * rpy_from_quat(quat)[0] + goal[:3] * [1.2, 1.2, 0.8]
+        batch.fly(np.array([[9.81 + 2 * goal[3], *turn]], np.float32))
+        change = (np.array(batch.velocity, float) - velocity) * 250
+        force = rotate(quat, change + np.array([0, 0, 9.81]), inverse=True)[0]
+        command = batch.rotor_speed[0] / data["rotors"]["max_speed_radps"]
+        rows.append([*command, *rates, *force] + 0.02 * random.standard_normal(12) * ([0] * 6 + [1] * 6))
+    names = [f"motor_{k + 1}" for k in range(6)]
+    names += [
+        f"{kind}_{axis}_{unit}" for kind, unit in (("gyro", "radps"), ("accelerometer", "mps2")) for axis in "xyz"
+    ]
+    columns = {"time_s": np.arange(len(rows)) / 250} | dict(zip(names, np.transpose(rows), strict=True))
+    changes = {"inertia_kgm2": [1.4 * each for each in data["inertia_kgm2"]], "rotors": {"torque_ratio_m": 0.03}}
+    guessed = flockstep.DroneModel.from_dict({"flockstep_drone": 1, "like": "f550"} | changes)
+    found, true = fit(flights_of(Table("hexarotor", columns), 6), guessed).parameters, parameters_of(drone)
+    for name in ("inertia_x", "inertia_y", "torque_ratio"):
+        assert getattr(found, name) == pytest.approx(getattr(true, name), rel=0.05), name
+    assert found.thrust(np.array(0.5)) == pytest.approx(true.thrust(np.array(0.5)), rel=0.02)
+    assert found.lag_s < 0.004
 
 
 def test_both_formats_give_the_same(logs, tmp_path):

@@ -168,6 +168,7 @@ def test_bad_arguments_are_refused(columns, tmp_path):
         ({"horizons_s": (0.1, float("nan"))}, "horizons_s"),
         ({"horizons_s": (1e9,)}, "horizons_s"),
         ({"horizons_s": (0.1,), "trim_s": -1.0}, "trim_s"),
+        ({"horizons_s": (0.1,), "delay_s": float("nan")}, "delay_s"),
         ({"horizons_s": (9.0,)}, "flights"),
     ],
 )
