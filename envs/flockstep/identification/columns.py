@@ -36,7 +36,6 @@ ATTITUDE = ["roll_rad", "pitch_rad", "yaw_rad"]
 #: Rotor commands from 0 to 1, in the order of the airframe. A duty cycle acts times the battery's voltage.
 MOTORS = [f"motor_{k + 1}" for k in range(MOST_ROTORS)]
 DUTIES = [f"duty_{k + 1}" for k in range(MOST_ROTORS)]
-COMMANDS = {*MOTORS, *DUTIES}
 NAMES = [
     *("time_s", *MOTORS, *DUTIES, "battery_v"),
     *(*GYRO, *ACCELEROMETER, *POSITION, *VELOCITY, *ACCELERATION, *ATTITUDE),
