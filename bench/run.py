@@ -264,6 +264,7 @@ BENCHES = {
     "transfer": Bench(
         "our policies in other simulators, and their controllers here; also downloaded", "transfer", True
     ),
+    "reality": Bench("fits of real flights, which are in FLOCKSTEP_REAL_FLIGHTS", "peers.real_flights", True),
     "variations": Bench("steps with drones that differ beside drones alike; memory", "variations"),
     "rotors_varied": Bench("two trainings with drones that differ and without", "tasks:measure_varied", True),
     "race": Bench("steps of Race, with gates that are solid and with gates that are not", "tasks:measure_race"),
