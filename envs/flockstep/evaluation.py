@@ -16,7 +16,6 @@ from flockstep.recording import actions_of
 from flockstep.registration import make_same_step
 from flockstep.scenes import WorldsLike
 from flockstep.task import Task
-from flockstep.vector_env import DroneVectorEnv
 
 if TYPE_CHECKING:
     from typing import Literal
@@ -49,6 +48,7 @@ def evaluate(
     seed: int = 0,
     *,
     drone_episodes: Literal["team", "each", "last"] | None = None,
+    through: Literal["betaflight"] | None = None,
     **kwargs: Any,
 ) -> Evaluation:
     """Fly a policy for some episodes; return how often each kind of end occurred, and the means of all other values.
@@ -76,10 +76,14 @@ def evaluate(
     drone_episodes
         How the episodes of an env's drones belong together: the keyword ``episodes`` of `DroneVectorEnv`. Default: that
         of a `Task`, otherwise ``"team"``.
+    through
+        ``"betaflight"``: firmware flies the drones, each its own, instead of the built-in controller. The task must be
+        one of the engine with ``control="body_rates"``. Rewards are given in each tick of the firmware, so only ends
+        and lengths compare with others. Needs the extra ``betaflight``.
     **kwargs
         Further keywords of `DroneVectorEnv`. Several ``worlds`` are assigned to the envs in turn.
     """
-    envs = make_same_step("evaluate", env, _count(episodes), **kwargs, **_mode(drone_episodes))
+    envs = make_flown("evaluate", env, _count(episodes), through, **kwargs, **_mode(drone_episodes))
     names = envs.task.info_names if isinstance(envs.task, Task) else []
     ends = first_episodes(model, envs, "evaluate", seed)
     return Evaluation(
@@ -137,14 +141,31 @@ def success_rates(
     return {name: _mean(successes) for name, successes in by_world.items()}
 
 
+def make_flown(
+    caller: str,
+    env: str | Task | type[Task] | NativeTask,
+    num_envs: int,
+    through: Literal["betaflight"] | None = None,
+    **keywords: Any,
+) -> Any:
+    """Make the envs of an evaluation: a `DroneVectorEnv`, or one that flies ``through`` firmware."""
+    if through is None:
+        return make_same_step(caller, env, num_envs, **keywords)
+    if through != "betaflight":
+        raise ValueError(f"through: expected 'betaflight' or None, got {through!r}")
+    from flockstep.bridges import betaflight_env  # needs what an extra installs
+
+    return betaflight_env.make(caller, env, num_envs, **keywords)
+
+
 def first_episodes(
     model: Any,
-    envs: DroneVectorEnv,
+    envs: Any,
     caller: str,
     seed: int,
     watch: Callable[[Any, npt.NDArray[np.bool_]], None] | None = None,
 ) -> list[dict[str, Any]]:
-    """Fly until every row has ended an episode; return the infos of these first ends and close the envs.
+    """Fly envs of ``make_flown`` until each row has ended an episode; return the infos of these ends, close the envs.
 
     After each step ``watch`` is called with the observation, and a mask (N,) of the rows whose first episode goes on.
     """
