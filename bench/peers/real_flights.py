@@ -26,7 +26,7 @@ FITTED = ("log10", "log15@52-62", "log15@72-82", "log16@30-42")
 HELD_OUT = {"roll_pitch": ("log15@62-72", "log15@82-92"), "yaw": ("log16@43-51",)}
 RATE_HORIZONS_S = (0.1, 0.2, 0.3, 0.5)
 HOVER_HORIZONS_S = (0.1, 0.2, 0.5, 1.0, 2.0)
-#: What only the drone file knows if thrust and trim are fitted and nothing else.
+#: Numbers that only the drone file knows if thrust and trim are fitted and nothing else.
 ITS_OWN = ("lag_s", "delay_s", "inertia_x", "inertia_y", "torque_ratio", "spin")
 SCALES = {"lag_s": 1e3, "delay_s": 1e3, "inertia_x": 1e4, "inertia_y": 1e4, "torque_ratio": 1e3, "spin": 1e4}
 UNITS = {"lag_s": "ms", "delay_s": "ms", "inertia_x": "cm²", "inertia_y": "cm²", "torque_ratio": "mm", "spin": "cm²/s"}

@@ -41,7 +41,7 @@ class State:
 
 
 class Simulator(Protocol):
-    """What each of ours.py, of_rotorpy.py and of_crazyflow.py has as `Simulator(drone, start, control, hz)`."""
+    """The interface that ours.py, of_rotorpy.py and of_crazyflow.py have as `Simulator(drone, start, control, hz)`."""
 
     mass_kg: float
     speeds_radps: tuple[float, float, float]  # slowest, hovering, fastest

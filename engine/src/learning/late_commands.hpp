@@ -63,7 +63,7 @@ class LateCommands {
     std::vector<std::size_t> begins;  // index of each step's first one
   };
 
-  // Of the commands that have arrived, the newest one flies. The controller sees it in its next tick.
+  // The newest command that has arrived flies. The controller sees it in its next tick.
   void note(const State& state, DroneIndex drone, bool is_sent) {
     OfDrone& of = drones_[drone];
     if (is_sent) of.sent[fleet_.commands.newest(drone)] = step_;

@@ -30,7 +30,7 @@ GYRO = _axes("gyro", "radps")
 ACCELEROMETER = _axes("accelerometer", "mps2")
 POSITION = _axes("position", "m")
 VELOCITY = _axes("velocity", "mps")
-#: Of the centre in the world frame, without gravity.
+#: Acceleration of the centre in the world frame, without gravity.
 ACCELERATION = _axes("acceleration", "mps2")
 ATTITUDE = ["roll_rad", "pitch_rad", "yaw_rad"]
 #: Rotor commands from 0 to 1, in the order of the airframe. A duty cycle acts times the battery's voltage.

@@ -37,7 +37,7 @@ _BOUNDS = {
     "trim_pitch": (-0.5, 0.5),
     "trim_yaw": (-0.5, 0.5),
 }
-#: What each channel determines, beside the thrust and the lag that all need.
+#: Numbers that each channel determines, beside the thrust and the lag that all need.
 _OF_CHANNEL: dict[str, tuple[str, ...]] = {
     "thrust": (*_CURVE, "lag_s", "delay_s", "drag_z"),
     "roll": ("inertia_x", "trim_roll"),
@@ -46,14 +46,14 @@ _OF_CHANNEL: dict[str, tuple[str, ...]] = {
     "drag_x": ("drag_x", "bias_x"),
     "drag_y": ("drag_y", "bias_y"),
 }
-#: What is fitted even if its interval is wide: small offsets about zero.
+#: Numbers that are fitted even if its interval is wide: small offsets about zero.
 _OFFSETS = ("delay_s", "trim_roll", "trim_pitch", "trim_yaw", "bias_x", "bias_y")
 _UNITS = {"lag_s": "s", "inertia_x": "m²", "inertia_y": "m²", "torque_ratio": "m", "spin": "m²/s", "thrust_scale": ""}
 
 
 @dataclass(frozen=True)
 class Fit:
-    """What logs say about a drone."""
+    """Numbers of a drone by its logs."""
 
     #: The drone that the fit began with: it gives rotors, and numbers that are not fitted.
     like: DroneModel

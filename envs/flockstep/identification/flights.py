@@ -33,7 +33,7 @@ _EDGE_S = 1.0
 _PAUSE_S, _GAP_S = 0.5, 0.1
 _LEAST_S = 2.0
 _LEAST_HZ, _MOST_SAMPLES = 50.0, 10_000_000
-#: Of the sum of the commands, below which motors count as stopped.
+#: Share of the sum of the commands below which motors count as stopped.
 _STOPPED = 0.02
 
 

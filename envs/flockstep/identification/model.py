@@ -7,8 +7,8 @@ speed and a gain g_i of this one motor:
     x_i' = (g_i u_i(t - delay) - x_i) / lag,     F_i / m = max(a0 + a1 x_i + a2 x_i^2, 0)
 
 The angular acceleration is not measured but the slope of the gyroscope in a short window. Its expectation is the true
-angular acceleration under a parabolic window, which is applied to the model, and likewise to both sides of forces: so
-the window shortens no motion on one side only.
+angular acceleration under a parabolic window. It is applied to the model, too, and to both sides of forces, so that it
+shortens no motion on one side only.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Parameters:
 
 @dataclass(frozen=True)
 class Frame:
-    """What the model takes from a drone: rotors, and inertia about z by the sum of the two others."""
+    """The parts of a drone that the model takes over: rotors, and inertia about z by the sum of the two others."""
 
     position: Array
     spins: Array

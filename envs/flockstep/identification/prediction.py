@@ -86,7 +86,7 @@ def predict(
     delay_s
         By how much commands come later than the log says.
     trim_s
-        Time before each segment over which the mean torque is set to zero, as it is in calm flight, by gains of the
+        Time before each segment over which the mean torque is set to zero, its value in calm flight, by gains of the
         motors. 0: they stay as they are.
     """
     horizons = sorted(horizons_s)

@@ -170,7 +170,7 @@ def shown(env):
 
 
 def stepped(env, step):
-    """What a step returns, and what is shown then. With autoreset disabled the rows that ended are reset."""
+    """The results of a step, and what is shown then. With autoreset disabled the rows that ended are reset."""
     observation, *flags, infos = env.step(action_of(env, step))
     ended = flags[1] | flags[2]
     final = np.full(env.num_envs, None)
@@ -188,7 +188,7 @@ def flown(env, seed=5, steps=50):
 
 
 def assert_first(few, many):
-    """What some envs do is what the first of more envs do."""
+    """Some envs do what the first of more envs do."""
     for (some, some_final), (all_rows, all_final) in zip(few, many, strict=True):
         np.testing.assert_equal(some, {name: all_rows[name][: len(array)] for name, array in some.items()})
         np.testing.assert_equal(some_final, all_final[: len(some_final)])

@@ -45,7 +45,7 @@ def changed(columns, name, row, value):
     return columns | {name: values}
 
 
-#: What is wrong, by the change that makes it so, with the column of the message and values in it.
+#: Faults, by the change that makes them, with the column of the message and values in it.
 CASES = {
     "no time": (lambda c: without(c, "time_s"), "time_s"),
     "no motors": (lambda c: without(c, *(f"motor_{k}" for k in (1, 2, 3, 4))), "motor_1"),
@@ -151,7 +151,7 @@ def test_bad_arguments_are_refused(columns, tmp_path):
         fit([path], keep=["lag"])
     with refused(ValueError, "logs"):
         fit([])
-    with refused(ValueError, "logs"):  # too short for so many numbers
+    with refused(ValueError, "logs"):  # too short for these numbers
         fit([path])
     with refused(ValueError, "like"):
         fit([path], flockstep.DroneModel(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])))

@@ -113,7 +113,7 @@ def csv_text(columns):
     return "\n".join([",".join(columns), *(",".join(f"{x:.9g}" for x in row) for row in rows)]) + "\n"
 
 
-#: What a Crazyflie calls the columns, its type, and our unit in its unit.
+#: A Crazyflie's names of the columns, its type, and our unit in its unit.
 CRAZYFLIE = {
     "motor_1": ("motor.m1", "I", 65535),
     "motor_2": ("motor.m3", "I", 65535),
