@@ -100,7 +100,7 @@ export class Drones {
   }
 
   private addRotors(): void {
-    const { hubs, radius_m: radius } = this.flight.drone;
+    const { hubs, rotor_m: radius } = this.flight.drone;
     const count = Math.max(hubs.length, 1);
     const disc = new THREE.MeshBasicMaterial({ color: this.isGhost ? ghostColor : 0xbfd4ee, transparent: true, opacity: this.isGhost ? 0.1 : 0.16, depthWrite: false, side: THREE.DoubleSide });
     this.discs = this.instances(new THREE.CircleGeometry(radius || 1, 40), disc, count);
@@ -128,7 +128,7 @@ export class Drones {
     const { hubs, spins } = flight.drone;
     const speeds = flight.column("rotor_speed");
     const ground = flight.column("height_m");
-    const size = flight.drone.radius_m + Math.max(...hubs.map(([x, y]) => Math.hypot(x, y)), 0);
+    const size = flight.drone.rotor_m + Math.max(...hubs.map(([x, y]) => Math.hypot(x, y)), 0);
     const lights = ["position", "color"].map((name) => this.lights.geometry.getAttribute(name) as THREE.BufferAttribute);
     const color = new THREE.Color();
     let [count, front, rear, dropped] = [0, 0, 0, 0];

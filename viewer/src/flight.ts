@@ -18,7 +18,7 @@ export interface WorldInfo {
   /** Height in m above which roofs are left out, or null. */
   cut_m: number | null;
   start: number[] | null;
-  waypoints: number[][];
+  through: number[][];
   goal: number[] | null;
   marker_m: number;
   bounds: number[][];
@@ -37,7 +37,7 @@ export interface LidarInfo {
   ranges: string;
   directions: string;
   offset_m: number[];
-  max_range_m: number;
+  reach_m: number;
 }
 
 export interface CameraInfo {
@@ -72,12 +72,12 @@ interface Header {
   step_s: number;
   steps: number;
   envs: number;
-  drones_per_env: number;
+  per_env: number;
   rows: number;
   worlds: (Omit<WorldInfo, "glb"> & { glb: [number, number] })[];
   bodies: (Omit<BodyInfo, "glb"> & { glb: [number, number] })[];
-  drone: { name: string; glb: [number, number]; spins: number[]; hubs: number[][]; radius_m: number };
-  lidars: LidarInfo[];
+  drone: { name: string; glb: [number, number]; spins: number[]; hubs: number[][]; rotor_m: number };
+  scanners: LidarInfo[];
   cameras: CameraInfo[];
   curves: Curves[];
   ends: EpisodeEnd[];
@@ -122,13 +122,13 @@ export class Flight {
     this.stepS = header.step_s;
     this.steps = header.steps;
     this.envs = header.envs;
-    this.perEnv = header.drones_per_env;
+    this.perEnv = header.per_env;
     this.rows = header.rows;
     this.drones = this.envs * this.perEnv;
     this.worlds = header.worlds.map((world) => ({ ...world, glb: bytes(world.glb) }));
     this.bodies = header.bodies.map((body) => ({ ...body, glb: bytes(body.glb) }));
     this.drone = { ...header.drone, glb: bytes(header.drone.glb) };
-    this.lidars = header.lidars;
+    this.lidars = header.scanners;
     this.cameras = header.cameras;
     this.curves = header.curves;
     this.ends = header.ends;

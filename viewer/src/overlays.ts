@@ -94,7 +94,7 @@ export class Overlays {
       for (let beam = 0; beam < count && beams < mostBeams; beam += stride) {
         const range = this.flight.value(ranges, step, drone * count + beam);
         const isHit = Number.isFinite(range);
-        const reach = isHit ? range : lidar.max_range_m;
+        const reach = isHit ? range : lidar.reach_m;
         end.fromArray(directions, own + 3 * beam).applyQuaternion(turn).multiplyScalar(reach).add(origin);
         ends.setXYZ(2 * beams, origin.x, origin.y, origin.z);
         ends.setXYZ(2 * beams + 1, end.x, end.y, end.z);

@@ -89,8 +89,8 @@ export class World {
   }
 
   private addMarkers(): void {
-    const { start, waypoints, goal, marker_m: radius } = this.info;
-    const places: [keyof typeof markerColors, number[]][] = waypoints.map((place) => ["waypoint", place]);
+    const { start, through, goal, marker_m: radius } = this.info;
+    const places: [keyof typeof markerColors, number[]][] = through.map((place) => ["waypoint", place]);
     if (start) places.push(["start", start]);
     if (goal) places.push(["goal", goal]);
     const ball = new THREE.SphereGeometry(radius, 32, 20);

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode
 
+from flockstep._core import World
 from flockstep.drone_mesh import DroneMesh
 from flockstep.recordings.moment import Array, Moments
 from flockstep.recordings.recording import Contents, Recording
@@ -57,7 +58,7 @@ class Capture:
 
 def contents_of(envs: DroneVectorEnv, moments: Moments, title: str | None = None) -> Contents:
     """Return all that a recording of envs holds beside its moments. Worlds and bodies appear in it as they are seen."""
-    mesh = envs._arguments.get("drone_mesh")
+    mesh = envs._drone_mesh
     return Contents(
         arrays={},
         images={},
@@ -65,7 +66,7 @@ def contents_of(envs: DroneVectorEnv, moments: Moments, title: str | None = None
         worlds=moments.worlds,
         bodies=moments.bodies,
         drone=envs.batch.drone,
-        drone_mesh=mesh if isinstance(mesh, DroneMesh) else None,
+        look=DroneMesh._of_world(mesh) if isinstance(mesh, World) else mesh,
         recipe=envs.recipe.to_json(),
         times_s=np.zeros(0),
         title=title_of(envs) if title is None else title,

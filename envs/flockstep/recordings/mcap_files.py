@@ -52,14 +52,14 @@ class ArrayChannels:
         self._writer, self._contents = writer, contents
         self._channels: dict[str, tuple[int, str, tuple[int, ...]]] = {}
         self._known: set[str] = set()
-        mesh = contents.drone_mesh
+        mesh = contents.look
         about = {
             "format": FORMAT,
             "title": contents.title,
             "recipe": contents.recipe,
             "settings": json.dumps(contents.settings),
             "drone": json.dumps(contents.drone.to_dict()),
-            "drone_mesh": json.dumps(None if mesh is None else mesh.to_dict()),
+            "look": json.dumps(None if mesh is None else mesh.to_dict()),
             "repeats_ends": json.dumps(contents.repeats_ends),
         }
         writer.add_metadata("flockstep", about)
@@ -184,8 +184,8 @@ def _contents(reader: _Reader, about: Mapping[str, str]) -> Contents:
     settings = json.loads(about["settings"])
     counts = {
         "E": settings["num_envs"],
-        "N": settings["num_envs"] * settings["drones_per_env"],
-        "R": settings["num_rows"],
+        "N": settings["num_envs"] * settings["per_env"],
+        "R": settings["rows"],
     }
     if not all(isinstance(count, int) and 0 <= count <= _MOST_DRONES for count in counts.values()) or counts["N"] < 1:
         raise ValueError(f"settings: expected numbers of envs and drones up to {_MOST_DRONES}, got {counts}")
@@ -213,7 +213,7 @@ def _contents(reader: _Reader, about: Mapping[str, str]) -> Contents:
             bodies[int(numbers[0]), int(numbers[1])] = World.from_glb(data)
     if not worlds:
         raise ValueError("recording: expected a world, got none")
-    mesh = json.loads(about["drone_mesh"])
+    mesh = json.loads(about["look"])
     times = np.asarray(reader.times["position"][:moments], np.int64)
     return Contents(
         arrays=arrays,
@@ -222,7 +222,7 @@ def _contents(reader: _Reader, about: Mapping[str, str]) -> Contents:
         worlds=worlds,
         bodies=bodies,
         drone=DroneModel.from_dict(json.loads(about["drone"])),
-        drone_mesh=None if mesh is None else DroneMesh.from_dict(mesh),
+        look=None if mesh is None else DroneMesh.from_dict(mesh),
         recipe=about["recipe"],
         times_s=(times - times[0]) / 1e9,
         title=about["title"],
@@ -256,7 +256,7 @@ def _require_shapes(arrays: Mapping[str, Array], settings: Mapping[str, Any], co
     listed = _listed()
     listed["actions"] = "float32", ["R", "columns"]
     counts = {**counts, "terms": len(settings["reward_terms"])}
-    for lidar in settings["lidars"]:
+    for lidar in settings["scanners"]:
         directions = np.asarray(lidar["directions"], np.float32)
         if directions.ndim != 3 or directions.shape[0] not in (1, counts["N"]) or directions.shape[2] != 3:
             raise ValueError(f"settings: expected directions of beams (1, B, 3), got {directions.shape}")

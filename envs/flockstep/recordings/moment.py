@@ -87,14 +87,14 @@ class Moments:
             if (directions == directions[0]).all():
                 directions = directions[:1]
             kept = {"directions": directions.tolist(), "offset_m": list(lidar.offset_m)}
-            lidars.append({"name": lidar.name, "max_range_m": lidar.max_range_m, **kept})
+            lidars.append({"name": lidar.name, "reach_m": lidar.max_range_m, **kept})
         for camera in batch.cameras:
             tangents = [camera.width_px / 2 / camera.fx, camera.height_px / 2 / camera.fy]  # of half the fields of view
             kept = {"offset_m": list(camera.offset_m), "quat_wxyz": list(camera.quat_wxyz), "tangents": tangents}
             cameras.append({"name": camera.name, **kept})
         terms = list(batch.spec.reward_terms) if self.rows else []
-        counts = {"num_envs": self.envs, "drones_per_env": batch.drones_per_env, "num_rows": self.rows}
-        return {**counts, "lidars": lidars, "cameras": cameras, "reward_terms": terms}
+        counts = {"num_envs": self.envs, "per_env": batch.drones_per_env, "rows": self.rows}
+        return {**counts, "scanners": lidars, "cameras": cameras, "reward_terms": terms}
 
     def now(self) -> tuple[dict[str, Array], dict[str, list[bytes]]]:
         """Return the arrays, and by camera the new images as JPEG files, to which ``camera.NAME.image`` counts."""

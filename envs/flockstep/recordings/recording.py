@@ -42,7 +42,7 @@ class Contents:
     worlds: dict[int, World]  # by `world_index`
     bodies: dict[tuple[int, int], World]  # looks of moving objects by env and slot
     drone: DroneModel
-    drone_mesh: DroneMesh | None
+    look: DroneMesh | None
     recipe: str
     times_s: Array  # (T,) s, from 0
     title: str
@@ -110,7 +110,7 @@ class Recording:
         self.images: Mapping[str, list[bytes]] = contents.images
         self.recipe, self.title = contents.recipe, contents.title
         self.worlds: Mapping[int, World] = contents.worlds
-        self.drone, self.drone_mesh = contents.drone, contents.drone_mesh
+        self.drone, self.drone_mesh = contents.drone, contents.look
         self.times_s = contents.times_s
 
     def __getitem__(self, name: str) -> Array:
@@ -139,7 +139,7 @@ class Recording:
     @property
     def drones_per_env(self) -> int:
         """Number of drones in each env, M. There are N = E M drones."""
-        return int(self._contents.settings["drones_per_env"])
+        return int(self._contents.settings["per_env"])
 
     @property
     def reward_terms(self) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import DroneModel, World
+from flockstep._core import DroneModel, Light, World
 from flockstep.drone_mesh import DroneMesh
 from flockstep.quadrotor_mesh import hull_faces, rotors_of
 from flockstep.recordings.recording import Recording
@@ -106,8 +106,8 @@ def pack(recording: Recording) -> bytes:
         "step_s": float(recording.times_s[-1]) / max(len(recording) - 1, 1) or 1.0,
         "steps": len(recording),
         "envs": recording.num_envs,
-        "drones_per_env": recording.drones_per_env,
-        "rows": int(settings["num_rows"]) or drones,
+        "per_env": recording.drones_per_env,
+        "rows": int(settings["rows"]) or drones,
         "worlds": [
             _world(packer, world, _cut(world, position, index == i))
             for i, world in enumerate(recording.worlds.values())
@@ -117,7 +117,7 @@ def pack(recording: Recording) -> bytes:
             for (env, body), look in recording._contents.bodies.items()
         ],
         "drone": _drone(packer, recording.drone, recording.drone_mesh),
-        "lidars": [_lidar(packer, lidar, recording) for lidar in settings["lidars"]],
+        "scanners": [_lidar(packer, lidar, recording) for lidar in settings["scanners"]],
         "cameras": [
             _camera(packer, camera, recording) for camera in settings["cameras"] if camera["name"] in recording.images
         ],
@@ -182,11 +182,11 @@ def _world(packer: _Packer, world: World, cut_m: float | None) -> dict[str, Any]
         "glb": packer.place(world.with_bodies(None).to_glb()),
         "cut_m": cut_m,
         "start": _place(world.start),
-        "waypoints": [_place(place) for place in world.waypoints],
+        "through": [_place(place) for place in world.waypoints],
         "goal": _place(world.goal),
         "marker_m": float(world.marker_radius_m),
         "bounds": np.asarray(world.bounds, float).tolist(),
-        "sun": [float(part) for part in world.light["sun_direction"]],
+        "sun": [float(part) for part in Light(**world.light).sun_direction],
     }
 
 
@@ -209,18 +209,18 @@ def _drone(packer: _Packer, drone: DroneModel, mesh: DroneMesh | None) -> dict[s
         "glb": packer.place(shown.world().to_glb()),
         "hubs": hubs.tolist(),
         "spins": [1 if spin == "ccw" else -1 for spin in spins],
-        "radius_m": radius,
+        "rotor_m": radius,
     }
 
 
 def _lidar(packer: _Packer, lidar: dict[str, Any], recording: Recording) -> dict[str, Any]:
-    name, most = f"lidar.{lidar['name']}", float(lidar["max_range_m"])
+    name, most = f"lidar.{lidar['name']}", float(lidar["reach_m"])
     ranges = recording[f"{name}.ranges"].astype(float)
     scale = max(most, float(np.max(ranges, initial=0.0, where=np.isfinite(ranges)))) / (_NO_RANGE - 1)
     numbers = np.where(np.isfinite(ranges), np.round(np.nan_to_num(ranges, posinf=0.0) / scale), _NO_RANGE)
     packer.add(f"{name}.ranges", numbers.astype(np.uint16), scale=scale, none=_NO_RANGE)
     packer.add(f"{name}.directions", np.asarray(lidar["directions"], np.float32))
-    kept = {"name": lidar["name"], "offset_m": lidar["offset_m"], "max_range_m": most}
+    kept = {"name": lidar["name"], "offset_m": lidar["offset_m"], "reach_m": most}
     return {**kept, "ranges": f"{name}.ranges", "directions": f"{name}.directions"}
 
 
