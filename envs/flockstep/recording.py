@@ -15,7 +15,7 @@ from gymnasium import spaces
 from flockstep._core import NativeTask
 from flockstep.errors import refuse_masked
 from flockstep.progress_line import ProgressLine
-from flockstep.recordings import Capture
+from flockstep.recordings import Recording
 from flockstep.recordings.recording import require_saveable
 from flockstep.registration import make_by_id
 from flockstep.stepping import BoolArray
@@ -113,8 +113,8 @@ def record(
         act = _replaying(actions)
     observation, starts = envs.reset(seed=seed)[0], np.ones(envs.num_envs, bool)
     fps = envs.metadata["render_fps"] if fps is None else fps
-    moments = 0
-    with _Film(path, envs, fps) if is_film else _Flight(path, envs) as sink:
+    moments, what = 0, "images" if is_film else "moments"
+    with _Film(path, envs, fps) if is_film else Recording.writer(path, envs) as sink:
         for step in range(steps + 1):
             chosen = None
             if step > 0:
@@ -124,7 +124,7 @@ def record(
             sink.add(chosen)
             moments += 1
             if progress is not None and progress.is_due:
-                progress.show(f"{fspath(path)}: {moments} of at most {steps + 1} {sink.what}, {progress.seconds:.0f} s")
+                progress.show(f"{fspath(path)}: {moments} of at most {steps + 1} {what}, {progress.seconds:.0f} s")
             if step > 0 and (terminated | truncated).all():
                 break
     if until_success is not None and not envs.batch.success.all():
@@ -134,14 +134,12 @@ def record(
         )
     envs.close()
     if progress is not None:
-        progress.show(f"{fspath(path)}: {moments} {sink.what}, {progress.seconds:.0f} s", is_last=True)
+        progress.show(f"{fspath(path)}: {moments} {what}, {progress.seconds:.0f} s", is_last=True)
     return moments
 
 
 class _Film:
     """Writes the pictures of the first env."""
-
-    what = "images"
 
     def __init__(self, path: str | PathLike[str], envs: DroneVectorEnv, fps: float) -> None:
         # By default imageio makes both sides multiples of 16; the codec needs only even ones.
@@ -161,23 +159,6 @@ class _Film:
 
     def __exit__(self, *_: object) -> None:
         self._film.close()
-
-
-class _Flight:
-    """Writes a recording once it ends without an error."""
-
-    what = "moments"
-
-    def __init__(self, path: str | PathLike[str], envs: DroneVectorEnv) -> None:
-        self._path, self._capture = path, Capture(envs)
-        self.add = self._capture.add
-
-    def __enter__(self) -> _Flight:
-        return self
-
-    def __exit__(self, kind: object, *_: object) -> None:
-        if kind is None:
-            self._capture.recording().save(self._path)
 
 
 def _imageio() -> Any:

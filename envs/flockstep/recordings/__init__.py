@@ -2,5 +2,6 @@
 
 from flockstep.recordings.capture import Capture
 from flockstep.recordings.recording import EpisodeEnding, Recording
+from flockstep.recordings.writer import RecordingWriter
 
-__all__ = ["Capture", "EpisodeEnding", "Recording"]
+__all__ = ["Capture", "EpisodeEnding", "Recording", "RecordingWriter"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode
@@ -17,8 +19,6 @@ from flockstep.vector_env import DroneVectorEnv
 class Capture:
     """Collects a `Recording` from envs: call `add` after the reset and after each step.
 
-    >>> capture = flockstep.Recording.capture(envs)
-
     Parameters
     ----------
     envs
@@ -32,7 +32,7 @@ class Capture:
     def __init__(self, envs: DroneVectorEnv, *, title: str | None = None, num_envs: int | None = None) -> None:
         self._envs = envs
         self._moments = Moments(envs.batch, num_envs)
-        self._title = title
+        self._contents = contents_of(envs, self._moments, title)
         self._steps: list[dict[str, Array]] = []
         self._images: dict[str, list[bytes]] = {}
         self._step_s = envs.recipe.episode.frame_skip / envs.batch.clock.policy_hz
@@ -42,18 +42,21 @@ class Capture:
         arrays, images = self._moments.now()
         for name, files in images.items():
             self._images.setdefault(name, []).extend(files)
-        arrays["actions"] = actions_of(self._envs, self._moments.rows, actions)
+        arrays["actions"] = actions_in(self._envs, self._moments.rows, actions)
         self._steps.append(arrays)
 
     def recording(self) -> Recording:
         """Return what was added so far."""
         if not self._steps:
             raise RuntimeError("the capture is empty: call add after the reset and after each step")
-        contents = contents_of(self._envs, self._moments, self._title)
-        contents.arrays = {name: np.stack([step[name] for step in self._steps]) for name in self._steps[0]}
-        contents.images = self._images
-        contents.times_s = np.arange(len(self._steps)) * self._step_s
-        return Recording._of(contents)
+        return Recording._of(
+            replace(
+                self._contents,
+                arrays={name: np.stack([step[name] for step in self._steps]) for name in self._steps[0]},
+                images={name: list(files) for name, files in self._images.items()},
+                times_s=np.arange(len(self._steps)) * self._step_s,
+            )
+        )
 
 
 def contents_of(envs: DroneVectorEnv, moments: Moments, title: str | None = None) -> Contents:
@@ -75,7 +78,7 @@ def contents_of(envs: DroneVectorEnv, moments: Moments, title: str | None = None
     )
 
 
-def actions_of(envs: DroneVectorEnv, rows: int, actions: npt.ArrayLike | None) -> Array:
+def actions_in(envs: DroneVectorEnv, rows: int, actions: npt.ArrayLike | None) -> Array:
     """Return the actions (R, k) float32 of the first rows, NaN if there are none."""
     space = envs.single_action_space
     width = int(np.prod(space.shape or (1,)))

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,10 @@ from flockstep._core import DroneModel, EpisodeEnd, World
 from flockstep.drone_mesh import DroneMesh
 from flockstep.errors import did_you_mean
 from flockstep.recordings.moment import Array
+
+if TYPE_CHECKING:
+    from flockstep.recordings.writer import RecordingWriter
+    from flockstep.vector_env import DroneVectorEnv
 
 _SUFFIXES = (".html", ".mcap")
 
@@ -176,16 +180,42 @@ class Recording:
             for moment, row in np.argwhere(ended)
         ]
 
-    def save(self, path: str | PathLike[str]) -> None:
+    @staticmethod
+    def writer(path: str | PathLike[str], envs: DroneVectorEnv) -> RecordingWriter:
+        """Return a writer of a file, ``.html`` or ``.mcap``, that records envs step by step.
+
+        >>> with flockstep.Recording.writer("flight.html", envs) as writer:
+        ...     envs.reset(seed=0)
+        ...     writer.add()
+        ...     for _ in range(100):
+        ...         actions = envs.action_space.sample()
+        ...         envs.step(actions)
+        ...         writer.add(actions)
+        """
+        from flockstep.recordings.writer import RecordingWriter  # imports this module
+
+        return RecordingWriter(path, envs)
+
+    def save(self, path: str | PathLike[str], *, ghost: Recording | None = None) -> None:
         """Write a page ``.html`` for any browser, or a file ``.mcap``, which `Recording` reads.
 
         The page holds the flight, its worlds and its drones. It needs no server and no other file.
+
+        Parameters
+        ----------
+        path
+            The file.
+        ghost
+            A second recording for the page, such as another policy's with the same seed: as a ghost in the first one's
+            world, or side by side.
         """
         require_saveable(path)
         if Path(path).suffix.lower() == ".html":
             from flockstep.viewer import page
 
-            page.write(path, [self])
+            page.write(path, [self] if ghost is None else [self, ghost])
+        elif ghost is not None:
+            raise ValueError("ghost: expected None for a file .mcap, got a Recording")
         else:
             from flockstep.recordings import mcap_files  # needs the package mcap
 
