@@ -71,11 +71,15 @@ export function drawTicks(canvas: HTMLCanvasElement, flight: Flight, seconds: nu
   context.fillRect(left, height / 2 - 2, right - left, 4);
   context.fillStyle = "#4cc2ff";
   context.fillRect(left, height / 2 - 2, x(seconds) - left, 4);
+  let drawn = -1;
   for (const end of flight.ends) {
+    const at = Math.round(x(end.step * flight.stepS));
+    if (at === drawn && end.row !== row) continue; // of thousands of ends, a few pixels are enough
+    drawn = at;
     context.fillStyle = endColor(end.reason);
     context.globalAlpha = end.row === row ? 1 : 0.35;
     const size = end.row === row ? 10 : 6;
-    context.fillRect(x(end.step * flight.stepS) - 1.5, height / 2 - size, 3, 2 * size);
+    context.fillRect(at - 1.5, height / 2 - size, 3, 2 * size);
   }
   context.globalAlpha = 1;
 }

@@ -184,9 +184,14 @@ export class Flight {
 
   /** First step of the episode that a drone flies at a step. */
   episodeStart(drone: number, step: number): number {
-    let start = 0;
-    for (const first of this.breaks[drone]) if (first <= step) start = first;
-    return start;
+    const breaks = this.breaks[drone];
+    let [low, high] = [0, breaks.length];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (breaks[middle] <= step) low = middle + 1;
+      else high = middle;
+    }
+    return low === 0 ? 0 : breaks[low - 1];
   }
 
   isActive(drone: number, step: number): boolean {

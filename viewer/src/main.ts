@@ -4,6 +4,7 @@ import * as THREE from "three";
 import { modes, Viewer, type Mode } from "./cameras";
 import { bindKeys, describe, drawTicks, element, endColor, fillSelect, ImagePanel, listEnds, toggle, type Key } from "./controls";
 import { CurvePanel } from "./curves";
+import { ghostColor } from "./drones";
 import { unpack, type Flight } from "./flight";
 import { Stage, type Choice } from "./stage";
 
@@ -124,7 +125,7 @@ class Page {
     const { flight, choice } = this;
     element("title").textContent = document.title = flight.title;
     const count = (number: number, noun: string): string => `${number.toLocaleString("en")} ${noun}${number === 1 ? "" : "s"}`;
-    element("about").textContent = [flight.worlds[flight.worldOf(0, 0)].name, flight.envs > 1 ? count(flight.envs, "env") : "", count(flight.drones, "drone"), flight.drone.name, `${this.total.toFixed(1)} s`].filter(Boolean).join(" · ");
+    element("about").textContent = [flight.worlds[flight.worldOf(0, 0)].name, flight.envs > 1 ? count(flight.envs, "env") : "", count(flight.drones, "drone"), flight.drone.name, `${this.total.toFixed(1)} s`].filter(Boolean).map((words) => words.replaceAll(" ", "\u00a0")).join(" · ");
     for (const mode of modes) {
       const button = toggle(element("modes"), mode[0].toUpperCase() + mode.slice(1), mode === "orbit", () => this.setMode(mode));
       this.buttons.set(mode, button);
@@ -236,7 +237,12 @@ class Page {
     if (this.viewer.isMoving) this.isDirty = true;
     if (this.isDirty) {
       this.isDirty = false;
-      this.draw(passed);
+      try {
+        this.draw(passed);
+      } catch (error) {
+        fail(error);
+        return;
+      }
     }
     requestAnimationFrame((then) => this.frame(then));
   }
@@ -255,10 +261,23 @@ class Page {
     this.curves.update(choice.seconds);
     this.images.update(choice.drone, step);
     this.describe(step);
+    this.describeGhost();
     this.drawn++;
     if (!this.stage.isReady(choice) || document.body.dataset.state) return;
     document.body.dataset.state = "ready";
     this.readyMs = performance.now();
+  }
+
+  /** Says how the second flight ended, once it has. */
+  private describeGhost(): void {
+    const flight = this.flights[1];
+    if (!flight) return;
+    const drone = Math.min(this.choice.drone, flight.drones - 1);
+    const step = flight.stepAt(this.choice.seconds);
+    const end = flight.endOf(flight.rowOf(drone), flight.episodeStart(drone, step));
+    const ended = end && end.step <= step ? describe(end, flight.stepS) : "flies";
+    element("state-b").textContent = `${flight.title}: ${ended}`;
+    element("state-b").style.color = ghostColor;
   }
 
   private describe(step: number): void {
