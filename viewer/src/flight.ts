@@ -204,11 +204,10 @@ export class Flight {
     const step = this.stepAt(seconds);
     const next = Math.min(step + 1, this.steps - 1);
     const joined = this.episodeStart(drone, next) <= step;
-    const part = joined ? Math.min(Math.max(seconds / this.stepS - step, 0), 1) : 0;
-    const position = this.column("position")!;
-    const quat = this.column("quat_wxyz")!;
-    const [p, q] = [position.values, quat.values];
+    const [p, q] = [this.column("position")!.values, this.column("quat_wxyz")!.values];
     const [a, b] = [step * this.drones + drone, next * this.drones + drone];
+    const follows = joined && p.subarray(3 * b, 3 * b + 3).every(Number.isFinite) && q.subarray(4 * b, 4 * b + 4).some((part) => part !== 0);
+    const part = follows ? Math.min(Math.max(seconds / this.stepS - step, 0), 1) : 0;
     for (let axis = 0; axis < 3; axis++) out[axis] = p[3 * a + axis] + part * (p[3 * b + axis] - p[3 * a + axis]);
     let dot = 0;
     for (let axis = 0; axis < 4; axis++) dot += q[4 * a + axis] * q[4 * b + axis];

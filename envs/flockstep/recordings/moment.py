@@ -1,4 +1,4 @@
-"""What a recording keeps of a batch at one moment, by the names of the engine's list of arrays."""
+"""Reads a batch for a recording, by the names of the engine's list of arrays."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class EpisodeEnding:
 
 @dataclass
 class Contents:
-    """What a recording is made of. Sources fill it, and `Recording` shows it."""
+    """The parts of a recording. Sources fill it, and `Recording` shows it."""
 
     arrays: dict[str, Array]
     images: dict[str, list[bytes]]

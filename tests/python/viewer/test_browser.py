@@ -6,6 +6,7 @@ These tests run where Chromium, Playwright and the built page are; elsewhere the
 import base64
 import gzip
 import shutil
+import time
 
 import numpy as np
 import pytest
@@ -54,12 +55,19 @@ def opened(tab, path, state="ready"):
     assert tab.evaluate("document.body.dataset.state") == state, tab.evaluate("document.body.innerText")
 
 
+def wait(tab, condition):
+    """Wait for a condition; Playwright's own function needs eval, which the page forbids."""
+    end = time.monotonic() + TIME_LIMIT_MS / 1000
+    while not tab.evaluate(condition):
+        assert time.monotonic() < end, condition
+        tab.wait_for_timeout(50)
+
+
 def drawn(tab, code):
-    """Run code, wait until the page has drawn again, and return its value."""
+    """Run code, and wait until the page has drawn again."""
     before = tab.evaluate("flockstep.page.drawn")
-    value = tab.evaluate(code)
-    tab.wait_for_function(f"flockstep.page.drawn > {before}")
-    return value
+    tab.evaluate(code)
+    wait(tab, f"flockstep.page.drawn > {before}")
 
 
 def captured(steps, num_envs=1, seed=0, **keywords):
@@ -92,13 +100,10 @@ def test_play_scrub_and_choose(tab, flight, flight_page):
     opened(tab, flight_page)
     assert tab.inner_text("#title") == flight.title
     tab.click("#play")
-    tab.wait_for_function("flockstep.page.choice.seconds > 0.3")
+    wait(tab, "flockstep.page.choice.seconds > 0.3")
     tab.click("#play")
     assert not tab.evaluate("flockstep.page.isPlaying")
-    drawn(
-        tab,
-        "document.getElementById('time').value = 1.7; document.getElementById('time').dispatchEvent(new Event('input'))",
-    )
+    drawn(tab, "const time = document.getElementById('time'); time.value = 1.7; time.dispatchEvent(new Event('input'))")
     assert tab.evaluate("flockstep.page.choice.seconds") == 1.7
     # Positions agree to float with what was recorded, also between two moments.
     for seconds, step, part in ((1.7, 17, 0), (1.75, 17, 0.5)):
@@ -145,17 +150,14 @@ def test_two_flights_as_ghosts_and_side_by_side(tab, flight_page):
     assert tab.evaluate("flockstep.flights.length") == 2
     drawn(tab, "flockstep.page.seek(1)")
     ghost = tab.evaluate("[...flockstep.page.stage.pose(1)].slice(0, 3)")
-    np.testing.assert_allclose(
-        ghost,
-        tab.evaluate("[10 * 3, 10 * 3 + 1, 10 * 3 + 2].map(i => flockstep.flights[1].column('position').values[i])"),
-    )
+    recorded = "[...flockstep.flights[1].column('position').values.slice(30, 33)]"
+    np.testing.assert_allclose(ghost, tab.evaluate(recorded))
     tab.keyboard.press("c")
     assert tab.evaluate("flockstep.page.choice.sideBySide")
     assert tab.is_visible("#label-b")
     tab.keyboard.press("g")
     assert not tab.evaluate("flockstep.page.choice.sideBySide")
-    colors = len(set(map(bytes, np.frombuffer(tab.screenshot(type="jpeg"), np.uint8).reshape(-1, 1))))
-    assert colors > 100  # something is drawn
+    assert len(tab.screenshot()) > 50_000  # an image of one colour would be small
 
 
 @pytest.mark.parametrize("scene", ["playground/train-1", "indoor/office", "race/figure-8"])
@@ -173,9 +175,12 @@ def test_worlds_are_those_of_the_engine(tab, scene, tmp_path):
                 for (let i = 0; i < a.length; i += 9) {
                     const [p, q, r] = [corner(a, i), corner(a, i + 3), corner(a, i + 6)];
                     const [u, v] = [q.map((x, k) => x - p[k]), r.map((x, k) => x - p[k])];
-                    area += Math.hypot(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]) / 2;
-                    for (const c of [p, q, r])
-                        for (let k = 0; k < 3; k++) [low[k], high[k]] = [Math.min(low[k], c[k]), Math.max(high[k], c[k])];
+                    const cross = [0, 1, 2].map(k => u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3]);
+                    area += Math.hypot(...cross) / 2;
+                    for (const c of [p, q, r]) for (let k = 0; k < 3; k++) {
+                        low[k] = Math.min(low[k], c[k]);
+                        high[k] = Math.max(high[k], c[k]);
+                    }
                 }
             }
             return [low, high, area];
@@ -199,6 +204,8 @@ def test_html_in_names_stays_text(tab, tmp_path):
     assert tab.inner_text("#title") == HTML
     assert HTML.replace(" ", "\xa0") in tab.inner_text("#about")
     assert tab.evaluate("[window.hacked, document.images.length]") == [None, 0]
+    tab.evaluate("setTimeout(() => { try { eval('1') } catch (error) { window.refused = error.name } })")
+    wait(tab, "window.refused == 'EvalError'")
 
 
 def test_poses_that_are_not_finite_are_not_drawn(tab, tmp_path):
@@ -222,9 +229,7 @@ def test_a_million_moments_open_and_play(tab, tmp_path):
     short = captured(9, worlds="playground/train-1")
     contents = short._contents
     kept = ("position", "quat_wxyz", "active", "world_index", "episode", "reward_terms", "actions")
-    contents.arrays = {
-        name: np.tile(contents.arrays[name], (100_000,) + (1,) * (contents.arrays[name].ndim - 1)) for name in kept
-    }
+    contents.arrays = {name: np.concatenate([contents.arrays[name]] * 100_000) for name in kept}
     contents.arrays["episode"] = contents.arrays["episode"] + np.arange(1_000_000)[:, None] // 1000
     contents.settings["scanners"] = []
     short.times_s = np.arange(1_000_000) / 10
@@ -233,7 +238,7 @@ def test_a_million_moments_open_and_play(tab, tmp_path):
     drawn(tab, "flockstep.page.seek(99_999)")
     assert tab.evaluate("flockstep.flights[0].stepAt(flockstep.page.choice.seconds)") == 999_990
     tab.click("#play")
-    tab.wait_for_function("flockstep.page.choice.seconds > 99_999.2 || !flockstep.page.isPlaying")
+    wait(tab, "flockstep.page.choice.seconds > 99_999.2 || !flockstep.page.isPlaying")
 
 
 @pytest.mark.parametrize("damage", ["cut", "not gzip", "format", "counts", "none"])
