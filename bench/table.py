@@ -21,7 +21,7 @@ braces, which may also be other keys of the figure. `A over B` in front of the a
 one of B with the same words in braces. A cell with several figures, such as the results of five seeds, shows their
 median, least and greatest. A line with "=" gives the text for a word, "_ = _" keeps underscores. A line with "#" begins
 another table; equations before the first one hold for all. Rows that begin with numbers are in their order. Above the
-tables stand the processors and commits of the results; after `<!-- table by source` each row has its own.
+tables stand the processors and commits of the results.
 
 `<!-- tried NAME -->` is followed by the number of trials of `./dev try NAME`, until `<!-- /tried -->`, and
 `<!-- figure PATTERN as FORM -->` by the figures of that pattern as in a cell, until `<!-- /figure -->`. A form that
@@ -54,12 +54,11 @@ ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out"
 KEPT = ROOT / "bench" / "results"
 TRIALS = ROOT / "bench" / "tried.json"
-TABLE = re.compile(r"(<!-- table( by source)?\n(.*?)-->\n).*?(<!-- end of table -->)", re.DOTALL)
+TABLE = re.compile(r"(<!-- table\n(.*?)-->\n).*?(<!-- end of table -->)", re.DOTALL)
 TRIED = re.compile(r"(<!-- tried (\w+) -->).*?(<!-- /tried -->)")
 FIGURE = re.compile(r"(<!-- figure (.+?) as (.*?) -->).*?(<!-- /figure -->)")
 CHART = re.compile(r"(<!-- chart ([\w-]+) as (.*?) -->\n).*?(<!-- end of chart -->)", re.DOTALL)
 WORD = re.compile(r"\{(\w*)(?::([^}]*))?\}")
-BY_SOURCE = ("processor", "commit")
 
 Result = dict[str, Any]
 Results = dict[str, Result]
@@ -145,14 +144,6 @@ def source(result: Result, used: Iterable[str] | None = None) -> str:
     return f"{processor_of(result)}, commit {result['commit'][:7]}, {result['commit_date']}{parts}{remark}"
 
 
-def commit_of(result: Result, figure: dict[str, Any]) -> str:
-    """Return the commit of a figure, which may be that of a part of the result."""
-    parts = [part["commit"] for part in result.get("parts", ()) if figure["name"].split("/")[1] in part["what"].split()]
-    remark = f": {result['remark']}" if "remark" in result else ""
-    commit: str = [result["commit"], *parts][-1]
-    return commit[:7] + remark
-
-
 def shown(values: list[float], unit: str, form: str) -> str:
     """Return the text of a number, or of several numbers: their median and, in brackets, least and greatest."""
     if form.startswith("median"):
@@ -199,14 +190,13 @@ def pivot(cells: Cells, corner: str) -> str:
     rows, columns = (list(dict.fromkeys(key[i] for key in cells)) for i in (0, 1))
     if all(row[:1].isdigit() for row in rows):
         rows.sort(key=lambda row: [int(number) for number in re.findall(r"\d+", row.replace(",", ""))])
-    sides = "".join("---|" if column in BY_SOURCE else "---:|" for column in columns)
-    lines = [f"| {corner} | {' | '.join(columns)} |", f"|---|{sides}"]
+    lines = [f"| {corner} | {' | '.join(columns)} |", f"|---|{'---:|' * len(columns)}"]
     for row in rows:
         lines.append(f"| {row} | {' | '.join(cells.get((row, column), '') for column in columns)} |")
     return "\n".join(lines) + "\n"
 
 
-def cells_of(lines: list[str], words: dict[str, str], by_source: bool, results: Results) -> tuple[Cells, Used]:
+def cells_of(lines: list[str], words: dict[str, str], results: Results) -> tuple[Cells, Used]:
     """Return the cells that lines with arrows describe, and the parts of results that they come from."""
     cells: Cells = {}
     used: Used = {}
@@ -219,19 +209,14 @@ def cells_of(lines: list[str], words: dict[str, str], by_source: bool, results: 
             space = words.get("_", " ")
             told = figure | {word: words.get(text, text.replace("_", space)) for word, text in matched.items()}
             by_cell.setdefault((row_of.format(**told), column_of.format(**told)), []).append(told)
-        if not by_cell and by_source:
-            cells[row_of, column_of] = "not measured yet"
         for (row, column), figures in by_cell.items():
             values = [figure["value"] for figure in figures]
             is_text = "{" in form
             cells[row, column] = form.format(**figures[0]) if is_text else shown(values, figures[0]["unit"], form)
-            if by_source:
-                result = results[name]
-                cells |= {(row, "processor"): processor_of(result), (row, "commit"): commit_of(result, figures[0])}
     return cells, used
 
 
-def tables(spec: str, by_source: bool, results: Results) -> str:
+def tables(spec: str, results: Results) -> str:
     """Return the tables that a comment describes, with their sources."""
     parts: list[tuple[str, list[str], dict[str, str]]] = [("", [], {})]
     for line in spec.splitlines():
@@ -247,15 +232,14 @@ def tables(spec: str, by_source: bool, results: Results) -> str:
     written: list[str] = []
     used: Used = {}
     for corner, lines, words in parts:
-        cells, of_table = cells_of(lines, words, by_source, results)
+        cells, of_table = cells_of(lines, words, results)
         for name, which in of_table.items():
             used.setdefault(name, set()).update(which)
         if cells:
             written.append(pivot(cells, corner))
     if all("source" in results[name] for name in used):  # or there is none
         return "Not measured yet.\n"
-    if not by_source:
-        written.insert(0, "\n".join(source(results[name], which) + "\n" for name, which in used.items()))
+    written.insert(0, "\n".join(source(results[name], which) + "\n" for name, which in used.items()))
     return "\n".join(written)
 
 
@@ -281,7 +265,7 @@ def document(text: str, results: Results, trials: Results, images: str = "../ima
         return f"{match[1]}{shown}\n{match[4]}"
 
     text = CHART.sub(chart, FIGURE.sub(figure, text))
-    written = TABLE.sub(lambda m: f"{m[1]}{tables(m[3], bool(m[2]), results)}{m[4]}", text)
+    written = TABLE.sub(lambda m: f"{m[1]}{tables(m[2], results)}{m[3]}", text)
     return TRIED.sub(count, written)
 
 

@@ -132,10 +132,13 @@ class Environment:
 
     def row(self) -> str:
         """Return the environment's row in the list of all."""
-        return f"| [`{self.id}`]({self.page}.md) | {self.task._about} |"
+        about = self.task._about
+        if not self.is_default:
+            about = f"{about.removesuffix('.')}, with `observation={self.config.observation!r}`."
+        return f"| [`{self.id}`]({self.page}.md) | {about} |"
 
     def is_observed(self, numbers: str) -> bool:
-        """Return whether the environment has a row of the observation: one that names a choice belongs to it alone."""
+        """Return whether a row or a sentence of the observation belongs here: its choice, if it names one."""
         choice = re.search(r'"(\w+)"', numbers)
         return not choice or choice[1] == self.config.observation
 
@@ -148,11 +151,12 @@ class Environment:
         others = [field for field in fields if field not in weights and field not in named]
         of_named = f": {defaults_text(named)}." if named else ":"
         action = re.sub(r"\. \w+ numbers, clipped to \[-1, 1\]", ", clipped", f"{self.action}. {words['action']}")
+        observed = " ".join(each for each in re.split(r"(?<=\.) ", words["observed"]) if self.is_observed(each))
         observation = [(re.sub(r', "\w+"', "", a), b) for a, b in words["observation"] if self.is_observed(a)]
         reward = table(("term", "value"), [(f"``{term}``", value) for term, value in words["reward"]])
         parts: list[tuple[str, str, list[str]]] = [
             ("Action", action[0].upper() + action[1:], []),
-            ("Observation", f"{self.observation}. {words['observed']}", table(("numbers", "meaning"), observation)),
+            ("Observation", f"{self.observation}. {observed}", table(("numbers", "meaning"), observation)),
             ("Reward", "The sum of these terms:", reward),
             ("", f"Weights: {defaults_text(weights)}." if weights else "", []),
             ("Start", words["start"], []),

@@ -21,10 +21,10 @@ def result(figures=(), **changes):
     return {"machine": MACHINE, "commit": COMMIT, "commit_date": "2026-11-24", "figures": made, **changes}
 
 
-def written(spec, *figures, by_source=False, **changes):
+def written(spec, *figures, **changes):
     """Return the lines of the tables that are not empty."""
     results = {figures[0][0].split("/")[0]: result(figures, **changes)} if figures else {}
-    return [line for line in table.tables(spec, by_source, results).splitlines() if line]
+    return [line for line in table.tables(spec, results).splitlines() if line]
 
 
 def test_a_table_has_its_source_and_its_figures_by_row_and_column():
@@ -92,29 +92,14 @@ def test_a_cell_may_be_a_text_with_other_keys_of_its_figure():
     ]
 
 
-def test_each_row_of_a_table_by_source_names_its_own():
-    spec = "step/n1 -> a step |\nboard/race/s -> a race | | .0%\nboard/hover/s -> hover |\nload/s -> loading |\n"
-    parts = [{"what": "race and race_unseen", "commit": "f" * 40}]
-    board = result(
-        [("board/race/s", 1.0, "1", {}), ("board/hover/s", 2.0, "s", {})], parts=parts, remark="By old code."
-    )
-    results = {"step": result([("step/n1", 3.0, "us", {})]), "board": board}
-    rows = [
-        [cell.strip() for cell in line.strip("|").split("|")] for line in table.tables(spec, True, results).split("\n")
-    ]
-    processor = "Fast One, 2 logical processors, AVX-512"
-    assert rows[2:-1] == [
-        ["a step", "3 µs", processor, "0123456"],
-        ["a race", "100 %", processor, "fffffff: By old code."],
-        ["hover", "2 s", processor, "0123456: By old code."],
-        ["loading", "not measured yet", "", ""],
-    ]
+def test_a_source_names_the_commits_of_parts_and_the_remark():
+    board = result(parts=[{"what": "race and race_unseen", "commit": "f" * 40}], remark="By old code.")
     assert table.source(board) == f"{SOURCE}, race and race_unseen: fffffff. By old code."
 
 
 def test_a_line_that_is_none_is_refused():
     with refused(SystemExit, "race/step"):
-        table.tables("race/step\n", False, {})
+        table.tables("race/step\n", {})
 
 
 def test_a_document_changes_only_where_its_comments_say_so():
@@ -178,9 +163,9 @@ def test_figures_of_others_stand_only_beside_ours():
     figures = [{"name": "book/move/8", "value": 2.5, "unit": "ms"}]
     results = {"book": {"machine": machine, "source": "table 1 of a book", "figures": figures}}
     spec = "# drones\nours/move/{n} -> {n} | time\nbook/move/{n} -> {n} | book\n"
-    assert table.tables(spec, False, results) == "Not measured yet.\n"
+    assert table.tables(spec, results) == "Not measured yet.\n"
     results["ours"] = result([("ours/move/8", 0.5, "ms", {})])
-    written = table.tables(spec, False, results)
+    written = table.tables(spec, results)
     assert written.startswith(f"{SOURCE}\n\nOld One, 20 logical processors: table 1 of a book\n\n")
     assert written.endswith("| drones | time | book |\n|---|---:|---:|\n| 8 | 0.5 ms | 2.5 ms |\n")
 
@@ -189,7 +174,7 @@ def test_a_cell_may_be_the_ratio_to_a_figure_with_the_same_words():
     ours = result([("ours/move/8", 0.5, "ms", {}), ("ours/move/9", 3.0, "ms", {})])
     book = {"machine": {"cpu": "Old One", "logical_processors": 20}, "source": "a book"}
     results = {"ours": ours, "book": book | {"figures": [{"name": "book/8/move", "value": 2.0, "unit": "ms"}]}}
-    lines = table.tables("ours/move/{n} over book/{n}/move -> {n} | times |\n", False, results).splitlines()
+    lines = table.tables("ours/move/{n} over book/{n}/move -> {n} | times |\n", results).splitlines()
     assert lines[0] == SOURCE and lines[2:] == ["|  | times |", "|---|---:|", "| 8 | 0.25 |"]
 
 

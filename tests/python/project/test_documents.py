@@ -157,6 +157,14 @@ def test_pages_read_well_without_the_site():
         assert not re.search(r"\{(include|literalinclude|doc)\}", document.read_text(encoding="utf-8")), document.name
 
 
+def test_no_paragraph_has_a_line_that_begins_with_a_comment():
+    """In Markdown such a line ends the paragraph."""
+    for document in DOCUMENTS:
+        assert not re.search(r"^ *<!-- (figure|tried)\b", document.read_text(encoding="utf-8"), re.MULTILINE), (
+            document.name
+        )
+
+
 def test_the_docstring_of_tasks_lists_what_a_class_may_declare():
     named = re.findall(r"^    (\w+(?:, \w+)*)$", flockstep.Task.__doc__, re.MULTILINE)
     assert set(_DECLARED) <= {name for line in named for name in line.split(", ")}

@@ -281,7 +281,7 @@ def test_every_message_is_read() -> None:
 def test_the_page_of_errors_has_messages_that_are_raised() -> None:
     text = (ROOT / "docs" / "reference" / "errors.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `(.+?)` \|", text.partition("| message |")[2], re.MULTILINE)
-    assert len(listed) > 10
+    assert len(listed) > 5
     for shown in listed:
         pattern = re.escape(shown).replace("…", ".*")
         assert any(re.search(pattern, " ".join(said.split())) for _, said in ROWS), shown

@@ -65,8 +65,7 @@ def wait(tab, condition):
 
 def drawn(tab, code):
     """Run code, and wait until the page has drawn again."""
-    before = tab.evaluate("flockstep.page.drawn")
-    tab.evaluate(code)
+    before = tab.evaluate(f"(() => {{ {code}; return flockstep.page.drawn }})()")
     wait(tab, f"flockstep.page.drawn > {before}")
 
 
