@@ -205,8 +205,11 @@ export class Flight {
     const next = Math.min(step + 1, this.steps - 1);
     const joined = this.episodeStart(drone, next) <= step;
     const [p, q] = [this.column("position")!.values, this.column("quat_wxyz")!.values];
-    const [a, b] = [step * this.drones + drone, next * this.drones + drone];
-    const follows = joined && p.subarray(3 * b, 3 * b + 3).every(Number.isFinite) && q.subarray(4 * b, 4 * b + 4).some((part) => part !== 0);
+    const isPose = (at: number): boolean => p.subarray(3 * at, 3 * at + 3).every(Number.isFinite) && q.subarray(4 * at, 4 * at + 4).some((part) => part !== 0);
+    const a = step * this.drones + drone;
+    if (!isPose(a)) return false;
+    const follows = joined && isPose(next * this.drones + drone);
+    const b = follows ? next * this.drones + drone : a;
     const part = follows ? Math.min(Math.max(seconds / this.stepS - step, 0), 1) : 0;
     for (let axis = 0; axis < 3; axis++) out[axis] = p[3 * a + axis] + part * (p[3 * b + axis] - p[3 * a + axis]);
     let dot = 0;
@@ -220,7 +223,7 @@ export class Flight {
     }
     norm = Math.sqrt(norm);
     for (let axis = 3; axis < 7; axis++) out[axis] /= norm;
-    return out.every(Number.isFinite);
+    return true;
   }
 
   /** The end of the episode that a row flies at a step, if it has one. */
