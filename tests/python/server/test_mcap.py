@@ -1,7 +1,6 @@
 """MCAP files with ROS 2 messages, read by rosbags, which has its own reader and message definitions."""
 
 import io
-import re
 import signal
 import subprocess
 import sys
@@ -9,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import ROOT, begun, placed
+from conftest import begun, placed
 from mcap.exceptions import McapError
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
@@ -474,9 +473,7 @@ class TestCutFiles:
 
     def test_recordings_are_read_up_to_anywhere(self, tmp_path):
         path = tmp_path / "a.mcap"
-        envs = begun(
-            1, task=flockstep.HoverConfig(), worlds="playground/train-1", lidar=flockstep.LidarConfig(beams=64)
-        )
+        envs = begun(worlds="playground/train-1", lidar=flockstep.LidarConfig(beams=64))
         seen = []
         with McapRecorder(path, envs, arrays=True, chunk_bytes=20_000) as recorder:
             for _ in range(60):
