@@ -1,6 +1,6 @@
 """Time to record flights, and to open their page in headless Chromium, without a GPU.
 
-The flight is one of 16 drones in the office, with LiDAR, for 1,000 steps. A page is ready when its first image is drawn.
+The flight is one of 16 drones in the office, with LiDAR, for 1,000 steps. A page is ready once its first image is there.
 Processor times are those of all processes of the browser.
 """
 
