@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ _DTYPES = ("<f4", "<f8", "<i4", "<i8", "|b1", "|u1", "<u2", "<u4", "<u8")
 _CHUNK_BYTES = 256 * 1024  # a file that is cut short loses at most this much
 #: Sizes beyond which a file is refused.
 _MOST_CHUNK_BYTES = 1 << 28
+_MOST_EXPANSION = 500  # of a file, beside one chunk
 _MOST_DRONES = 1 << 20
 
 
@@ -153,15 +155,20 @@ def read(path: str | PathLike[str]) -> Contents:
     from mcap.stream_reader import StreamReader, breakup_chunk
 
     reader = _Reader()
+    budget = _MOST_CHUNK_BYTES + _MOST_EXPANSION * Path(path).stat().st_size
     with open(path, "rb") as stream:
         try:
             for record in StreamReader(stream, emit_chunks=True, record_size_limit=_MOST_CHUNK_BYTES).records:
                 if not isinstance(record, Chunk):
                     reader.take(record)
                     continue
-                _require_small(record)
+                budget -= _expanded_bytes(record)
+                if budget < 0:
+                    raise _TooLargeError(f"path: expected a file that expands at most {_MOST_EXPANSION}-fold")
                 for part in breakup_chunk(record):
                     reader.take(part)
+        except _TooLargeError:
+            raise
         except Exception:  # of many kinds, by three packages: the file is cut short, or damaged from here on
             pass
     if reader.about is None or reader.about.get("format") != FORMAT:
@@ -169,14 +176,18 @@ def read(path: str | PathLike[str]) -> Contents:
         raise ValueError(f"path: expected a recording of flockstep of format {FORMAT}, got {found}")
     try:
         return _contents(reader, reader.about)
-    except (KeyError, TypeError, json.JSONDecodeError, UnicodeDecodeError, OverflowError) as error:
+    except (KeyError, TypeError, json.JSONDecodeError, UnicodeDecodeError, OverflowError, RecursionError) as error:
         raise ValueError(
             f"path: expected a recording whose parts fit together: {type(error).__name__} {error}"
         ) from error
 
 
-def _require_small(chunk: Any) -> None:
-    """Raise ValueError for a chunk that would fill the memory."""
+class _TooLargeError(ValueError):
+    """A file would fill the memory."""
+
+
+def _expanded_bytes(chunk: Any) -> int:
+    """Return the size of a chunk's content, or raise ValueError if it is unknown or too large."""
     import zstandard  # mcap needs it
 
     sizes = [chunk.uncompressed_size]
@@ -186,7 +197,8 @@ def _require_small(chunk: Any) -> None:
     elif chunk.compression:
         raise ValueError(f"chunk: expected zstd, got {chunk.compression!r}")
     if max(sizes) > _MOST_CHUNK_BYTES:
-        raise ValueError(f"chunk: expected at most {_MOST_CHUNK_BYTES} bytes, got {max(sizes)}")
+        raise _TooLargeError(f"chunk: expected at most {_MOST_CHUNK_BYTES} bytes, got {max(sizes)}")
+    return int(max(sizes))
 
 
 def _contents(reader: _Reader, about: Mapping[str, str]) -> Contents:

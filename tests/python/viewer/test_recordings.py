@@ -8,6 +8,7 @@ import struct
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 from messages import refused
 from simple_tasks import Still
 
@@ -121,6 +122,23 @@ def test_random_damage_is_refused_or_harmless(varied, tmp_path):
         except ValueError:
             refusals += 1
     assert refusals > 5
+
+
+def test_a_file_that_would_fill_the_memory_is_refused(varied, tmp_path, monkeypatch):
+    _, recording, _ = varied
+    recording.save(tmp_path / "flight.mcap")
+    with open(tmp_path / "bomb.mcap", "wb") as stream:
+        writer = Writer(stream, chunk_size=1 << 24)
+        writer.start()
+        channel = writer.register_channel(
+            "/flockstep/position", "flockstep", writer.register_schema("a", "flockstep", b"{}")
+        )
+        for moment in range(64):
+            writer.add_message(channel, moment, bytes(1 << 24), moment)
+        writer.finish()
+    assert (tmp_path / "bomb.mcap").stat().st_size < 1 << 20
+    with refused(ValueError, "path", "500-fold"):
+        Recording(tmp_path / "bomb.mcap")
 
 
 def test_other_files_are_refused(tmp_path):
