@@ -258,6 +258,9 @@ class Learner:
     def learn_window(self, config: GradientConfig, batch: Batch) -> GradientReport:
         """Learn once from ``config.horizon`` steps of a batch, which it flies."""
 
+    def require_derivatives(self, config: GradientConfig, batch: Batch) -> None:
+        """Raise ValueError if a part of a batch has no derivative. The message names it."""
+
     def window_gradient(self) -> _F32:
         """Return the gradient of the last window, not limited, in the order of the parameters."""
 

@@ -210,6 +210,12 @@ void register_learner(py::module_& module) {
             return report;
           },
           py::arg("config"), py::arg("batch"))
+      .def(
+          "require_derivatives",
+          [](const Learner& learner, const GradientConfig& config, Batch& batch) {
+            released(batch, [&] { learner.require_derivatives(config, batch); });
+          },
+          py::arg("config"), py::arg("batch"))
       .def("window_gradient", [](const Learner& learner) { return array_of(learner.window_gradient()); })
       .def("update", &update, py::arg("config"), py::arg("order") = py::none())
       .def("gradient", &gradient, py::arg("config"), py::arg("minibatch"))

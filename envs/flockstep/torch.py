@@ -50,8 +50,8 @@ def fly(batch: Batch, state: torch.Tensor, command: torch.Tensor, ticks: int = 1
     """Fly commands (N, 4) for one step from a state (N, 24), like `Batch.flown`, and return the state after it.
 
     The flight is that of `Batch.fly`, with contacts. Drones whose state in the batch is another one are put into it
-    first. Derivatives are those of `Batch.pullback`, over ``ticks`` long ticks. They are zero for drones that touched
-    something in the step, or became too fast to integrate.
+    first. Commands may not be late: fly earlier ones instead. Derivatives are those of `Batch.pullback`, over ``ticks``
+    long ticks. They are zero for drones that touched something in the step, or became too fast to integrate.
     """
     after: torch.Tensor = _Fly.apply(state, command, batch, ticks)  # type: ignore[no-untyped-call]
     return after

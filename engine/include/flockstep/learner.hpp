@@ -314,8 +314,10 @@ class FLOCKSTEP_API Learner {
   // order: indices t * R + r of the rollout in the order of the minibatches, for each epoch; empty: drawn.
   UpdateReport update(const UpdateConfig& config, std::span<const std::int64_t> order = {});
   // Flies a window of steps with the likeliest actions and learns from the derivatives of the task's loss through the flight. The
-  // task is a flight task of the engine that has such a loss. Throws std::invalid_argument that names what has no derivative.
+  // task is a flight task of the engine that has such a loss.
   GradientReport learn_window(const GradientConfig& config, Batch& batch);
+  // Throws std::invalid_argument that names what of a batch has no derivative, as learn_window() does.
+  void require_derivatives(const GradientConfig& config, const Batch& batch) const;
   // The gradient of the last window, in the order of the parameters, not limited.
   std::vector<float> window_gradient() const;
   // Returns the gradient of the loss of one minibatch, not limited, in the order of the parameters.

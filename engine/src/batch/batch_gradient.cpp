@@ -96,6 +96,8 @@ void Batch::pullback(std::span<const float> before, std::span<const float> comma
   for (std::size_t drone = 0; drone < count; ++drone) {
     checks::unit_quaternion(before.data() + kFlown * drone + 6, [&] { return checks::row_of("before", drone); });
   }
+  require(sim.fleet->commands.empty(), "variations", "commands that are never late or lost, because flown has none on their way",
+          "action_delay_s, action_jitter_s or action_loss");
   const StepGradient gradient(*sim.fleet, ticks);
   std::vector<TapeMemory<float>> memory(static_cast<std::size_t>(sim.workers.num_threads()));
   sim.workers.run((count + kLanes - 1) / kLanes, [&](std::size_t group, std::size_t thread) {

@@ -21,6 +21,9 @@ class CommandRing {
 
   bool empty() const { return size_ == 0; }
   std::size_t most() const { return empty() ? 0 : size_ - 2; }
+  std::size_t size() const { return size_; }  // places of a drone
+  // The place of the newest command of a drone that has one.
+  std::size_t newest(DroneIndex drone) const { return static_cast<std::size_t>(count_[drone] - 1) % size_; }
   bool has_none(DroneIndex drone) const { return count_[drone] == 0; }
   void clear(DroneIndex drone) { count_[drone] = 0; }
   // Adds a command that takes effect at this tick of the episode.
@@ -30,8 +33,8 @@ class CommandRing {
     arrival_[at] = arrival;
   }
 
-  // Calls f(command, arrival) for the command that holds at tick `from`, and for later ones that take effect before tick `to`, in
-  // the order in which they were given.
+  // Calls f(command, arrival, its place in the ring) for the command that holds at tick `from`, and for later ones that take
+  // effect before tick `to`, in the order in which they were given.
   template <class F>
   void for_each(DroneIndex drone, std::int64_t from, std::int64_t to, const F& f) const {
     const std::int64_t newest = count_[drone] - 1,
@@ -40,7 +43,7 @@ class CommandRing {
     while (held > oldest && arrival_[place(drone, held)] > from) --held;
     for (std::int64_t i = held; i <= newest; ++i) {
       const std::size_t at = place(drone, i);
-      if (i == held || arrival_[at] < to) f(command_.data() + width_ * at, arrival_[at]);
+      if (i == held || arrival_[at] < to) f(command_.data() + width_ * at, arrival_[at], at - size_ * drone);
     }
   }
 

@@ -324,15 +324,14 @@ void Fleet::send_commands(const State& state, std::span<const DroneIndex> drones
   for (const DroneIndex drone : drones) {
     const DroneParameters parameters = parameters_of(state, drone);
     const std::int64_t now = state.tick[env_of(drone)];
-    const float* const numbers_sent = command.data() + command_size(config.control) * drone;
-    if (commands.has_none(drone)) {
-      commands.add(drone, numbers_sent, now);
-      continue;
-    }
     const auto bits = draw(state, RandomKey::of(drone, drones_per_env), kStream, static_cast<std::uint32_t>(now));
-    if (uniform01(bits[0]) < parameters.action_loss) continue;
-    const double late = static_cast<double>(parameters.action_delay_s + uniform01(bits[1]) * parameters.action_jitter_s);
-    commands.add(drone, numbers_sent, now + std::llround(late / clock.dt_s()));
+    const bool is_first = commands.has_none(drone), is_lost = !is_first && uniform01(bits[0]) < parameters.action_loss;
+    if (!is_lost) {
+      const double late = static_cast<double>(parameters.action_delay_s + uniform01(bits[1]) * parameters.action_jitter_s);
+      commands.add(drone, command.data() + command_size(config.control) * drone,
+                   is_first ? now : now + std::llround(late / clock.dt_s()));
+    }
+    if (on_sent) on_sent(drone, !is_lost);
   }
 }
 

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -107,6 +108,8 @@ struct Fleet {
   // downwash.
   std::vector<float> thrust_share;
   CommandRing commands;  // on their way to the drones
+  // Called for each drone at the start of a step, if commands may be late: its command was sent (true) or lost.
+  std::function<void(DroneIndex, bool)> on_sent;
   OpenSpace open;
 
  private:

@@ -163,11 +163,12 @@ class GroupFlight {
       SetpointInput input = input_of(commands, group_[lane]);
       const std::int64_t start = step_start(lane);
       std::size_t count = 0;
-      fleet_.commands.for_each(group_[lane], start + first_tick, start + first_tick + ticks, [&](const float* command, auto at) {
+      const auto add = [&](const float* command, std::int64_t at, std::size_t) {
         std::copy_n(command, fleet_.command_size(control_of(commands)), input.command.data());
         const auto setpoint = setpoint_of(control_of(commands), fleet_.airframe_of(group_[lane]), input);
         arrivals.add(setpoint, static_cast<float>(at - start), lane, count++, flock_);
-      });
+      };
+      fleet_.commands.for_each(group_[lane], start + first_tick, start + first_tick + ticks, add);
     }
     flock_.arrivals = arrivals.rows();
   }

@@ -51,12 +51,13 @@ HWY_INLINE void set_from_command(Control control, const Physics& p, const Number
   }
 }
 
-// Flies a step of a few ticks, with the controller in each.
+// Flies a step of a few ticks, with the controller in each. stride: numbers between the setpoints of two ticks, 0 if they all
+// have the same.
 template <class T, class A>
-HWY_NOINLINE void fly_ticks(const Physics& p, int ticks, const Numbers& n, A at, const T* set, const Inputs<T>& in,
-                            const Lanes<kMaxRotors>& speed_share, Flown<T>& s) {
+HWY_NOINLINE void fly_ticks(const Physics& p, int ticks, const Numbers& n, A at, const T* set, std::size_t stride,
+                            const Inputs<T>& in, const Lanes<kMaxRotors>& speed_share, Flown<T>& s) {
   const bool has_own_drive = p.drains || p.command_keep != 0.0F;
-  for (int tick = 0; tick < ticks; ++tick) {
+  for (int tick = 0; tick < ticks; ++tick, set += stride) {
     const OdeState<T> seen = s.ode;
     if (has_own_drive) {
       drive(p, n, at, seen, set, s.integral, speed_share, s.command);
@@ -78,10 +79,10 @@ HWY_INLINE Flown<R> input_of(const FlownLanes& flown, std::size_t lane, Tape<F>&
 }
 
 HWY_INLINE Flown<R> flown_after(const StepGradient& gradient, const StepStart& start, const Numbers& n, std::size_t lane,
-                                const R* set, Flown<R> s) {
+                                const R* set, std::size_t stride, Flown<R> s) {
   const V3 wind = load3(start.wind, lane);
   const Inputs<R> in{{wind.x, wind.y, wind.z}, R(0.0F), start.thrust_share, start.push, start.twist};
-  fly_ticks(gradient.physics, gradient.ticks, n, At{lane}, set, in, start.speed_share, s);
+  fly_ticks(gradient.physics, gradient.ticks, n, At{lane}, set, stride, in, start.speed_share, s);
   return s;
 }
 

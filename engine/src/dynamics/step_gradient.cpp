@@ -30,7 +30,7 @@ void pull_back_lanes(const StepGradient& gradient, Control command_of, const Ste
       const F least = load(numbers.min_speed, lane) * (1.0F - kBeyond), most = load(numbers.max_speed, lane) * (1.0F + kBeyond);
       set[i] = max(min(set[i], most), least);
     }
-    Flown<R> after = flown_after(gradient, start, numbers, lane, set, before);
+    Flown<R> after = flown_after(gradient, start, numbers, lane, set, 0, before);
     tape.begin();
     for_each_number(after, [&](R& number, std::size_t i) HWY_ATTR { tape.add_derivative(number.id, load(d_flown[i], lane)); });
     tape.flow_back();
@@ -63,8 +63,6 @@ StepGradient::StepGradient(const Fleet& fleet, int ticks_of_step)
           EnumNames<Control>::kNames[static_cast<std::size_t>(control)]);
   require(fleet.num_rotors() == kRotors, "drone", "quadrotors, whose flight has derivatives",
           "one with " + std::to_string(fleet.num_rotors()) + " rotors");
-  require(fleet.commands.empty(), "variations", "commands that are never late or lost",
-          "action_delay_s, action_jitter_s or action_loss");
   physics = Physics(fleet.airframes[0], fleet.config, dt_s_, 1);
   for (const Airframe& frame : fleet.airframes) physics.include(Physics(frame, fleet.config, dt_s_, 1));
   physics.include(fleet.physics);

@@ -52,8 +52,7 @@ struct alignas(64) StepStart {
 
 class StepGradient {
  public:
-  // ticks: of a step. Throws std::invalid_argument if an airframe or the control of the fleet, or a late command, has no
-  // derivative.
+  // ticks: of a step. Throws std::invalid_argument if an airframe or the control of the fleet has no derivative.
   StepGradient(const Fleet& fleet, int ticks);
 
   // Reads the state of drones before a step, or only what flight changes.

@@ -4,7 +4,9 @@
 #include <cmath>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -14,6 +16,7 @@
 #include "batch/simulation.hpp"
 #include "flockstep/batch.hpp"
 #include "learning/gradient_window.hpp"
+#include "learning/late_commands.hpp"
 #include "learning/learner_parts.hpp"
 #include "learning/step_pilot.hpp"
 
@@ -35,6 +38,16 @@ std::string task_name(const Task& task) {
   return identity.substr(0, identity.find(' '));
 }
 
+// The fields that are not at their defaults.
+std::string told(const ObservationConfig& config) {
+  const ObservationConfig usual;
+  std::ostringstream text;
+  for_each_field(config, [&](const auto& field, const auto& value) {
+    if (value != usual.*field.member) text << (text.tellp() > 0 ? ", " : "") << field.name << '=' << value;
+  });
+  return text.str();
+}
+
 // The tasks' part of a window, and the physics to differentiate.
 struct Differentiated {
   Differentiated(Simulation& simulation, int ticks)
@@ -46,6 +59,7 @@ struct Differentiated {
   task::FlightGradient* task;
   dynamics::Fleet& fleet;
   std::unique_ptr<dynamics::StepGradient> gradient;
+  std::vector<float> row;  // scratch: constants of a drone
 
   void read_numbers(const GradientGroup& group, task::GroupNumbers& numbers) const {
     gradient->read_numbers(sim.state, group.drones, numbers.numbers);
@@ -61,12 +75,12 @@ struct Differentiated {
   }
 
   // Reads what the drones of a group begin a step with.
-  void begin(GradientGroup& group, std::size_t t) const {
+  void begin(GradientGroup& group, std::size_t t) {
     task::GradientStep& step = group.steps[t];
     gradient->read(sim.state, group.drones, step.start);
     const std::size_t count = task->num_constants();
     step.constants.resize(count);
-    std::vector<float> row(count);
+    row.resize(count);
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       task->write_constants(*sim.context, group.drones[lane], row.data());
       for (std::size_t i = 0; i < count; ++i) step.constants[i][lane] = row[i];
@@ -82,11 +96,10 @@ struct Differentiated {
   }
 
   // Reads where it ended.
-  void end(GradientGroup& group, std::size_t t, const float* chosen, std::size_t rows, float weight, float discount) const {
+  void end(GradientGroup& group, std::size_t t, const float* chosen, std::size_t rows, float weight, float discount) {
     task::GradientStep& step = group.steps[t];
     dynamics::StepGradient::read(sim.state, group.drones, step.after);
     const Outputs& outputs = sim.outputs.now();
-    std::vector<float> row(step.constants.size());
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const DroneIndex drone = group.drones[lane];
       const bool is_copy = lane > 0 && drone == group.drones[lane - 1];
@@ -105,28 +118,76 @@ struct Differentiated {
   }
 };
 
+// The derivative of a number of a drone's command by that of its action.
+float slope_of(const task::GroupNumbers& numbers, const task::GradientStep& step, std::size_t i, std::size_t lane) {
+  return step.action[i][lane] > 0.0F ? numbers.up[i][lane] : numbers.down[i][lane];
+}
+
+// Writes the commands that were flown in the ticks of a step, the mean of several. Drones that did not fly get that of their
+// action.
+void write_commands(const LateCommands& late, const GradientGroup& group, std::size_t t, task::TickCommands& to) {
+  const task::GroupNumbers& numbers = group.numbers[group.number_of[t]];
+  std::ranges::fill(to.command, Lanes<kActions>{});
+  for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    bool flew = false;
+    late.for_each_part(group.drones[lane], t, to.command.size(),
+                       [&](std::size_t tick, float share, const LateCommands::Stretch& stretch) {
+                         for (std::size_t i = 0; i < kActions; ++i) to.command[tick][i][lane] += share * stretch.command[i];
+                         flew = true;
+                       });
+    for (std::size_t i = 0; !flew && i < kActions; ++i) {
+      const float command = numbers.middle[i][lane] + slope_of(numbers, group.steps[t], i, lane) * group.steps[t].action[i][lane];
+      for (Lanes<kActions>& of_tick : to.command) of_tick[i][lane] = command;
+    }
+  }
+}
+
+// Adds the derivatives by these commands to those by the commands that steps of the window sent.
+void add_to_sent(const LateCommands& late, GradientGroup& group, std::size_t t, const task::TickCommands& flown) {
+  for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    late.for_each_part(group.drones[lane], t, flown.d_command.size(),
+                       [&](std::size_t tick, float share, const LateCommands::Stretch& stretch) {
+                         if (stretch.sent == LateCommands::kBefore) return;
+                         Lanes<kActions>& sent = group.d_sent[static_cast<std::size_t>(stretch.sent)];
+                         for (std::size_t i = 0; i < kActions; ++i) sent[i][lane] += share * flown.d_command[tick][i][lane];
+                       });
+  }
+}
+
 }  // namespace
 
 void GradientConfig::validate() const { check_fields(*this, ""); }
 
-GradientReport Learner::learn_window(const GradientConfig& config, Batch& batch) {
+void Learner::require_derivatives(const GradientConfig& config, const Batch& batch) const {
   const SingleCaller::Call call(parts_->callers);
   config.validate();
-  Parts& parts = *parts_;
-  Simulation& sim = *batch.sim_;
+  const Parts& parts = *parts_;
+  const Simulation& sim = *batch.sim_;
   require(sim.task_state && dynamic_cast<task::FlightGradient*>(sim.task_state->task.get()) != nullptr, "task",
           "hover, track or race, whose losses have derivatives", sim.task_state ? task_name(*sim.task_state->task) : "none");
+  require(sim.config.observed.is_off(), "observed", "observations without history, past actions, delay and age",
+          told(sim.config.observed));
+  require(sim.config.privileged.empty(), "privileged", "none", sim.config.privileged.empty() ? "" : sim.config.privileged[0]);
+  require(sim.config.episode.frame_skip == 1, "frame_skip", "1", sim.config.episode.frame_skip);
+  (void)dynamics::StepGradient(*sim.fleet, config.ticks);
   parts.require_fits(batch, sim.num_drones());
   require(!parts.config.is_discrete && parts.action_size() == kActions, "batch", "a task with four numbers as an action",
           parts.action_size());
-  require(!sim.task_state->memory, "observed", "the task's own observation, without history, past actions or delay", "another");
   require(parts.config.features == Features::flat || parts.config.features == Features::point, "features",
-          "\"flat\" or \"point\", which have derivatives", "others");
+          "\"flat\" or \"point\", which have derivatives",
+          EnumNames<Features>::kNames[static_cast<std::size_t>(parts.config.features)]);
   require(!parts.rollout.config.normalize_observations, "normalize_observations", "False", "True");
   require(static_cast<std::size_t>(config.horizon) * sim.num_drones() <= kMaxWindow, "horizon",
           "at most " + std::to_string(kMaxWindow) + " steps, horizon times envs",
           static_cast<std::size_t>(config.horizon) * sim.num_drones());
-  const Differentiated flight(sim, config.ticks);
+}
+
+GradientReport Learner::learn_window(const GradientConfig& config, Batch& batch) {
+  const SingleCaller::Call call(parts_->callers);
+  require_derivatives(config, batch);
+  Parts& parts = *parts_;
+  Simulation& sim = *batch.sim_;
+  Differentiated flight(sim, config.ticks);
 
   if (!parts.window) parts.window = std::make_unique<GradientWindow>();
   GradientWindow& window = *parts.window;
@@ -147,9 +208,13 @@ GradientReport Learner::learn_window(const GradientConfig& config, Batch& batch)
   const std::vector<std::size_t> fields = by_name(spec.observation);
   parts.make_passes(batch);
 
+  std::optional<LateCommands> late;
+  if (!flight.fleet.commands.empty()) late.emplace(flight.fleet, sim.state, rows);
+
   GradientReport report;
   double weight = 1.0 / static_cast<double>(rows * steps);
   for (std::size_t t = 0; t < steps; ++t) {
+    if (late) late->begin_step();
     for (GradientGroup& group : window.groups) flight.begin(group, t);
     Parts::StepPilot pilot(
         parts, window.chosen.data() + t * rows * kActions, spec, fields, [&](Pass& pass, std::size_t from, std::size_t count) {
@@ -176,6 +241,7 @@ GradientReport Learner::learn_window(const GradientConfig& config, Batch& batch)
     }
     weight *= config.gamma;
   }
+  if (late) late->begin_step();
   require_finite(window.chosen, kActions, "action");
 
   // Backwards, some rows at a time.
@@ -195,9 +261,15 @@ GradientReport Learner::learn_window(const GradientConfig& config, Batch& batch)
     AlignedVector<float> d_inputs(Pass::kRows * padded(parts.network.actor.front().in));
     std::vector<float> d_row(size);
     AlignedVector<Lane> d_observation(size);
+    task::TickCommands flown;
+    if (late) {
+      flown.command.resize(static_cast<std::size_t>(config.ticks));
+      flown.d_command.resize(static_cast<std::size_t>(config.ticks));
+    }
     for (GradientGroup& group : groups) {
       group.d_flown = {};
       group.d_action = {};
+      if (late) group.d_sent.assign(steps, {});
     }
     for (std::size_t t = steps; t-- > 0;) {
       Interrupt::poll();
@@ -205,14 +277,18 @@ GradientReport Learner::learn_window(const GradientConfig& config, Batch& batch)
       for (GradientGroup& group : groups) {
         const task::GradientStep& step = group.steps[t];
         alignas(64) Lanes<4> d_action, d_before;
-        losses[chunk] += task::pull_back_step(terms, *flight.gradient, control, group.numbers[group.number_of[t]], step,
-                                              window.memory[thread], group.d_flown, d_action, d_before);
+        const task::GroupNumbers& numbers = group.numbers[group.number_of[t]];
+        if (late) write_commands(*late, group, t, flown);
+        losses[chunk] += task::pull_back_step(terms, *flight.gradient, control, numbers, step, window.memory[thread],
+                                              group.d_flown, d_action, d_before, late ? &flown : nullptr);
+        if (late) add_to_sent(*late, group, t, flown);
         for (std::size_t lane = 0; lane < kLanes; ++lane) {
           const std::size_t row = static_cast<std::size_t>(&group - window.groups.data()) * kLanes + lane;
           if (row >= rows) break;
           for (std::size_t i = 0; i < kActions; ++i) {
             const float chosen = window.chosen[kActions * (t * rows + row) + i];
             float d = d_action[i][lane] + (step.goes_on[lane] > 0.5F ? group.d_action[i][lane] : 0.0F);
+            if (late) d += slope_of(numbers, step, i, lane) * group.d_sent[t][i][lane];
             // A limited action has the derivative only if it leads back inside.
             if ((chosen > 1.0F && d < 0.0F) || (chosen < -1.0F && d > 0.0F)) d = 0.0F;
             d += kOvershoot * step.weight[lane] * (chosen - step.action[i][lane]);

@@ -17,6 +17,7 @@ struct GradientGroup {
   std::vector<std::size_t> number_of;          // for each step, its row of `numbers`
   alignas(64) dynamics::FlownLanes d_flown{};  // derivatives by the state after the step that is being pulled back
   alignas(64) dynamics::Lanes<4> d_action{};   // by its action, from the steps after it
+  AlignedVector<dynamics::Lanes<4>> d_sent;    // by the commands that the steps sent, if they may be late
 };
 
 struct GradientWindow {

@@ -145,22 +145,34 @@ struct RaceTerms {
 
 template <class Task>
 double step_of(const StepGradient& gradient, Control control, const GroupNumbers& numbers, const GradientStep& step,
-               TapeMemory<float>& memory, FlownLanes& d_flown, Lanes<4>& d_action, Lanes<4>& d_action_before) {
+               TapeMemory<float>& memory, FlownLanes& d_flown, Lanes<4>& d_action, Lanes<4>& d_action_before,
+               TickCommands* late) {
   Tape<F> tape(memory);
+  constexpr std::size_t kSet = 7;
+  const std::size_t late_ticks = late != nullptr ? late->command.size() : 0;
+  AlignedVector<R> late_commands(kActions * late_ticks), late_sets(kSet * late_ticks, R(0.0F));
   double total = 0.0;
   for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) {
     tape.clear();
     Flown<R> before = input_of(step.start.flown, lane, tape);
-    R action[kActions], action_before[kActions], command[kActions], set[7];
+    R action[kActions], action_before[kActions], command[kActions], set[kSet];
     for (std::size_t i = 0; i < kActions; ++i) {
       action[i] = R::input(load(step.action[i], lane), tape);
       action_before[i] = R::input(load(step.action_before[i], lane), tape);
       const auto slope = select(action[i] > 0.0F, load(numbers.up[i], lane), load(numbers.down[i], lane));
-      command[i] = action[i] * slope + load(numbers.middle[i], lane);
+      if (late == nullptr) command[i] = action[i] * slope + load(numbers.middle[i], lane);
     }
-    for (R& number : set) number = R(0.0F);
-    set_from_command(control, gradient.physics, numbers.numbers, At{lane}, command, set);
-    Flown<R> after = flown_after(gradient, step.start, numbers.numbers, lane, set, before);
+    for (std::size_t tick = 0; tick < late_ticks; ++tick) {
+      R* const of_tick = late_commands.data() + kActions * tick;
+      for (std::size_t i = 0; i < kActions; ++i) of_tick[i] = R::input(load(late->command[tick][i], lane), tape);
+      set_from_command(control, gradient.physics, numbers.numbers, At{lane}, of_tick, late_sets.data() + kSet * tick);
+    }
+    if (late == nullptr) {
+      for (R& number : set) number = R(0.0F);
+      set_from_command(control, gradient.physics, numbers.numbers, At{lane}, command, set);
+    }
+    Flown<R> after = flown_after(gradient, step.start, numbers.numbers, lane, late != nullptr ? late_sets.data() : set,
+                                 late != nullptr ? kSet : 0, before);
     const auto goes_on = load(step.goes_on, lane) > 0.5F;
     for_each_number(after, [&](R& number, std::size_t i) HWY_ATTR {
       number = with_value(number, select(goes_on, load(step.after[i], lane), number.value));
@@ -177,6 +189,9 @@ double step_of(const StepGradient& gradient, Control control, const GroupNumbers
     for (std::size_t i = 0; i < kActions; ++i) {
       store(tape.derivative(action[i].id), d_action[i], lane);
       store(tape.derivative(action_before[i].id), d_action_before[i], lane);
+      for (std::size_t tick = 0; tick < late_ticks; ++tick) {
+        store(tape.derivative(late_commands[kActions * tick + i].id), late->d_command[tick][i], lane);
+      }
     }
     alignas(64) float losses[F::kCount];
     (value_if(weight > 0.0F, loss.value) * weight).store(losses);
@@ -187,16 +202,16 @@ double step_of(const StepGradient& gradient, Control control, const GroupNumbers
 
 double step_back(Terms terms, const StepGradient& gradient, Control control, const GroupNumbers& numbers,
                  const GradientStep& step, TapeMemory<float>& memory, FlownLanes& d_flown, Lanes<4>& d_action,
-                 Lanes<4>& d_action_before) {
+                 Lanes<4>& d_action_before, TickCommands* late) {
   switch (terms) {
     case Terms::hover:
-      return step_of<HoverTerms>(gradient, control, numbers, step, memory, d_flown, d_action, d_action_before);
+      return step_of<HoverTerms>(gradient, control, numbers, step, memory, d_flown, d_action, d_action_before, late);
     case Terms::track:
-      return step_of<TrackTerms>(gradient, control, numbers, step, memory, d_flown, d_action, d_action_before);
+      return step_of<TrackTerms>(gradient, control, numbers, step, memory, d_flown, d_action, d_action_before, late);
     case Terms::race:
       break;
   }
-  return step_of<RaceTerms>(gradient, control, numbers, step, memory, d_flown, d_action, d_action_before);
+  return step_of<RaceTerms>(gradient, control, numbers, step, memory, d_flown, d_action, d_action_before, late);
 }
 
 void observe_terms(Terms terms, const Flown<R>& s, const R* action_before, const Constants& c, R* to) {
@@ -262,8 +277,9 @@ HWY_EXPORT(observation_of);
 
 double pull_back_step(Terms terms, const dynamics::StepGradient& gradient, Control control, const GroupNumbers& numbers,
                       const GradientStep& step, TapeMemory<float>& memory, dynamics::FlownLanes& d_flown,
-                      dynamics::Lanes<4>& d_action, dynamics::Lanes<4>& d_action_before) {
-  return HWY_DYNAMIC_DISPATCH(step_back)(terms, gradient, control, numbers, step, memory, d_flown, d_action, d_action_before);
+                      dynamics::Lanes<4>& d_action, dynamics::Lanes<4>& d_action_before, TickCommands* late) {
+  return HWY_DYNAMIC_DISPATCH(step_back)(terms, gradient, control, numbers, step, memory, d_flown, d_action, d_action_before,
+                                         late);
 }
 void pull_back_observation(Terms terms, const GradientStep& step, std::span<const dynamics::Lane> d_observation,
                            TapeMemory<float>& memory, dynamics::FlownLanes& d_flown, dynamics::Lanes<4>& d_action_before) {

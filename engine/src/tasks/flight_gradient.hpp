@@ -46,11 +46,17 @@ struct alignas(64) GradientStep {
   AlignedVector<dynamics::Lane> constants;
 };
 
+// The commands that drones fly in the ticks of a step if commands may be late, and the derivatives by them, which are replaced.
+struct TickCommands {
+  AlignedVector<dynamics::Lanes<4>> command, d_command;  // one for each tick of StepGradient
+};
+
 // Derivatives of the loss of a step and of what follows it. d_flown: by the state after the step, replaced by those by the state
-// before it. d_action, d_action_before: replaced. Returns the weighted loss.
+// before it. d_action, d_action_before: replaced. late: null if the step's action is what is flown; otherwise d_action is that of
+// the loss alone. Returns the weighted loss.
 double pull_back_step(Terms terms, const dynamics::StepGradient& gradient, Control control, const GroupNumbers& numbers,
                       const GradientStep& step, TapeMemory<float>& memory, dynamics::FlownLanes& d_flown,
-                      dynamics::Lanes<4>& d_action, dynamics::Lanes<4>& d_action_before);
+                      dynamics::Lanes<4>& d_action, dynamics::Lanes<4>& d_action_before, TickCommands* late = nullptr);
 
 // Adds what follows from the observation before the step. d_observation: one lane for each of its numbers.
 void pull_back_observation(Terms terms, const GradientStep& step, std::span<const dynamics::Lane> d_observation,

@@ -16,7 +16,7 @@ from flockstep.learning import loop
 from flockstep.learning.callbacks import Callbacks
 from flockstep.learning.ppo import PPO
 from flockstep.learning.sb3_models import HYPERPARAMETERS, Schedule
-from flockstep.learning.sources import EngineSource, Stepped
+from flockstep.learning.sources import EngineSource, Source, Stepped
 
 _LOG_STD = -2.0
 
@@ -39,8 +39,8 @@ class APG(PPO):
         ``"MlpPolicy"``.
     env
         A `DroneVectorEnv` with such a task and quadrotors, whose control is ``rotor_speeds``, ``rotor_thrusts``,
-        ``body_rates``, ``velocity`` or ``heading_velocity``. Commands may not be late, observations have no history,
-        and ``autoreset_mode`` is not ``"disabled"``.
+        ``body_rates``, ``velocity`` or ``heading_velocity``. Observations have no history, and ``autoreset_mode`` is
+        not ``"disabled"``.
     learning_rate
         Step size of Adam. A number falls to 0 along a cosine; a function takes the remaining share of the training,
         which falls from 1 to 0.
@@ -53,7 +53,7 @@ class APG(PPO):
     Raises
     ------
     ValueError, TypeError
-        A value is not allowed. `learn` raises it for a part of the environment that has no derivative, and names it.
+        A value is not allowed, or a part of the environment has no derivative; the message names it.
     """
 
     def __init__(
@@ -89,16 +89,22 @@ class APG(PPO):
     horizon: int = 32
     ticks: int = 1
 
-    def _check(self) -> None:
+    def _make_learner(self, *arguments: Any, **named: Any) -> None:
+        super()._make_learner(*arguments, **named)
+        self._check(self.source)  # with the networks
+
+    def _check(self, source: Source | None = None) -> None:
         super()._check()
-        self._gradient_config(1.0)
-        source = self.source
+        config = self._gradient_config(1.0)
         if source is None:
             return
         if not isinstance(source, EngineSource):
-            raise ValueError(f"env: expected a DroneVectorEnv with a task of the engine, got {self.env!r}")
+            raise ValueError(
+                f"env: expected a DroneVectorEnv with a task of the engine, got {getattr(source, 'env', None)!r}"
+            )
         if source.env.autoreset_mode is AutoresetMode.DISABLED:
             raise ValueError("autoreset_mode: expected 'next_step' or 'same_step', got 'disabled'")
+        self.learner.require_derivatives(config, source.env.batch)
 
     def _gradient_config(self, remaining: float) -> GradientConfig:
         rate = self.learning_rate

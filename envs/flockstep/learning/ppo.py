@@ -237,6 +237,7 @@ class PPO(Arguments):
         for name in ("observation_space", "action_space"):
             if getattr(source, name) != getattr(self, name):
                 raise ValueError(f"env: expected the {name} {getattr(self, name)}, got {getattr(source, name)}")
+        self._check(source)
         if not force_reset:
             source.resume()
         self.source, self._vec_env = source, None
@@ -303,9 +304,8 @@ class PPO(Arguments):
         self._start = "reset"  # if this training ends early
         callbacks = Callbacks(callback, self)
         bar = loop.progress_bar(int(total_timesteps)) if progress_bar else None
-        begun, begun_at = time.perf_counter(), self.num_timesteps
+        begun, begun_at, iteration = time.perf_counter(), self.num_timesteps, 0
         callbacks.start({**locals(), "total_timesteps": self._total_timesteps}, globals())
-        iteration = 0
         try:
             while self.num_timesteps < self._total_timesteps:
                 if not self._collect(callbacks, bar):
@@ -331,8 +331,8 @@ class PPO(Arguments):
             values[name] = float(values[name](remaining)) if callable(values[name]) else values[name]
         return kind(**values)
 
-    def _check(self) -> None:
-        """Raise ValueError or TypeError that names a hyperparameter with an invalid value."""
+    def _check(self, source: Source | None = None) -> None:
+        """Raise ValueError or TypeError that names a hyperparameter, or a part of a new source, that is not allowed."""
         self._config(RolloutConfig)
         self._config(UpdateConfig, 1.0)
         if self.clip_range_vf is not None and not callable(self.clip_range_vf) and self.clip_range_vf <= 0:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from flockstep.trainings import varied
 from flockstep.trainings.training import Keywords, Training
-from flockstep.variations import vary
+from flockstep.variations import Law, vary
 
 POINT: Keywords = {"learning_rate": 1e-2, "policy_kwargs": {"features_extractor_class": "PointFeatures"}}
 RACE: Keywords = {"learning_rate": 1e-2, "horizon": 60, "ticks": 2, "max_grad_norm": 0.3}
@@ -41,26 +41,18 @@ def frame_row(row: Training, drone: str) -> Training:
 def _thrown(flights: int, seed: int) -> Mapping[str, Keywords]:
     kinds = varied.TRAININGS["hover_varied"].judged(flights, seed).items()
     return {
-        kind: {name: value for name, value in keywords.items() if name != "observed"}
+        kind: {name: value for name, value in keywords.items() if name not in ("observed", "wind")}
         for kind, keywords in kinds
-        if not kind.startswith("late")
     }
 
 
-def frames_row() -> Training:
+def frames_row(label: str, **laws: Law) -> Training:
     """Return a row that holds all airframes and random ones by body rates, without a memory."""
     several = varied.TRAININGS["hover_varied"]
-    figures = {name: figure for name, figure in several.figures.items() if not name.startswith("late")}
-    made = by_gradients(several, 2_000_000, {"learning_rate": 3e-3, "ticks": 2}, "frames")
+    made = by_gradients(several, 2_000_000, {"learning_rate": 3e-3, "ticks": 2}, label)
 
     def learns() -> Keywords:
         kept = {name: value for name, value in several.learns().items() if name in ("task", "control", "airframes")}
-        return {**kept, "variations": vary(mass_scale=(0.95, 1.05))}
+        return {**kept, "variations": vary(mass_scale=(0.95, 1.05), **laws)}
 
-    return replace(
-        made,
-        num_envs=64,
-        learns=learns,
-        judged=_thrown,
-        figures=figures,
-    )
+    return replace(made, num_envs=64, learns=learns, judged=_thrown, over=(*varied.FRAMES, "random"))

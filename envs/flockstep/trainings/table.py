@@ -388,5 +388,6 @@ TRAININGS |= {
         TRAININGS["race_unseen"], 3_999_360, gradients.RACE, "race_unseen", speed_cap_mps=(8.0, 8.0)
     ),
     **{f"hover_{drone}_apg": gradients.frame_row(TRAININGS["hover"], drone) for drone in varied.FRAMES},
-    "frames_apg": gradients.frames_row(),
+    "frames_apg": gradients.frames_row("frames"),
+    "frames_late_apg": gradients.frames_row("frames_late", action_delay_s=(0.0, 0.04)),
 }

@@ -46,7 +46,7 @@ struct Flight {
     set_from_command(control, gradient.physics, numbers, at, given + kFlown, set);
     const Inputs<T> in{
         {at(start.wind[0]), at(start.wind[1]), at(start.wind[2])}, T(0.0), start.thrust_share, start.push, start.twist};
-    fly_ticks(gradient.physics, gradient.ticks, numbers, at, set, in, start.speed_share, s);
+    fly_ticks(gradient.physics, gradient.ticks, numbers, at, set, 0, in, start.speed_share, s);
     for_each_number(s, [&](T& number, std::size_t i) HWY_ATTR { after[i] = number; });
   }
 
@@ -290,10 +290,6 @@ TEST(StepGradient, RefusesWhatHasNoDerivative) {
   const ClockConfig clock;
   DynamicsConfig config{.motion = Motion::rotors, .control = Control::position};
   EXPECT_REFUSED(dynamics::StepGradient(dynamics::Fleet(frame, row, config, clock, 1), 1), "control: ... have derivatives");
-  config.control = Control::body_rates;
-  const dynamics::Variations late(std::vector<Variation>{{.parameter = "action_delay_s", .low = 0.0F, .high = 0.1F}}, frame,
-                                  clock);
-  EXPECT_REFUSED(dynamics::StepGradient(dynamics::Fleet(frame, row, config, clock, 1, late), 1), "variations: ... late");
 }
 
 }  // namespace

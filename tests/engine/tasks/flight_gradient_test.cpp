@@ -111,13 +111,15 @@ TEST(FlightGradient, ObservesWhatTasksObserve) {
 
 // Changes the parameters along the gradient, and compares the change of the loss with what the gradient says.
 template <class Config>
-void expect_predicted_loss(const Config& task, const Batch::Worlds& worlds, const char* drone, Control control) {
+void expect_predicted_loss(const Config& task, const Batch::Worlds& worlds, const char* drone, Control control,
+                           const std::vector<Variation>& variations = {}) {
   constexpr int kEnvs = 64;
   GradientConfig window{.horizon = 12, .learning_rate = 0.0, .ticks = 2};
   BatchConfig config = flights(task, kEnvs, control);
   config.dynamics.integrator = Integrator::midpoint;
   config.clock.physics_hz = config.clock.policy_hz * static_cast<float>(window.ticks);
   config.clock.controller_hz = {};
+  config.variations = variations;
   Batch batch(config, worlds, make_task(task), DroneModel::load(drone));
   batch.reset(seeds_from(7, kEnvs));
   const std::size_t size = batch.spec().observation[0].size();
@@ -148,6 +150,17 @@ TEST(FlightGradient, PredictsTheChangeOfALoss) {
   expect_predicted_loss(HoverConfig(), {arena()}, "hummingbird", Control::body_rates);
   expect_predicted_loss(TrackConfig(), {arena()}, "crazyflie", Control::body_rates);
   expect_predicted_loss(RaceConfig(), {race_track({.seed = 1})}, "racer5", Control::body_rates);
+}
+
+TEST(FlightGradient, PredictsTheChangeOfALossIfCommandsAreLate) {
+  std::vector<Variation> late;
+  for (const char* name : {"action_delay_s", "action_jitter_s"}) {
+    late.push_back({.parameter = name, .low = 0.0F, .high = 0.06F});
+  }
+  late.push_back({.parameter = "action_loss", .low = 0.0F, .high = 0.3F});
+  expect_predicted_loss(HoverConfig(), {arena()}, "crazyflie", Control::rotor_thrusts, late);
+  expect_predicted_loss(TrackConfig(), {arena()}, "crazyflie", Control::body_rates, late);
+  expect_predicted_loss(RaceConfig(), {race_track({.seed = 1})}, "racer5", Control::body_rates, late);
 }
 
 }  // namespace

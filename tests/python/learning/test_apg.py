@@ -13,6 +13,7 @@ from flockstep import APG, PPO, DroneVectorEnv, HoverConfig, RaceConfig, TrackCo
 from flockstep.trainings import CHOOSING_SEEDS, TRAININGS, judge, train
 
 POINT = {"features_extractor_class": "PointFeatures"}
+LATE = flockstep.vary(action_delay_s=(0.0, 0.06), action_jitter_s=(0.0, 0.06), action_loss=0.2)
 
 
 def hover(num_envs=20, **keywords):
@@ -46,6 +47,11 @@ def test_a_race_is_learned_by_gradients():
         (HoverConfig(), 1, {"variations": flockstep.vary(mass_scale=(0.8, 1.2), lag_up_scale=(0.5, 2.0))}),
         (TrackConfig(), 1, {}),
         (RaceConfig(), 2, {"worlds": "race/figure-8"}),
+        (HoverConfig(), 1, {"variations": LATE, "max_episode_steps": 6}),
+        (HoverConfig(), 2, {"variations": LATE, "control": "body_rates", "airframes": ["crazyflie", "x500"]}),
+        (HoverConfig(), 3, {"variations": LATE, "control": "heading_velocity", "autoreset_mode": "same_step"}),
+        (TrackConfig(), 1, {"variations": LATE}),
+        (RaceConfig(), 2, {"variations": LATE, "worlds": "race/figure-8", "max_episode_steps": 7}),
     ],
 )
 def test_the_gradient_predicts_how_the_loss_changes(task, ticks, keywords):
@@ -56,10 +62,10 @@ def test_the_gradient_predicts_how_the_loss_changes(task, ticks, keywords):
     )
     model = APG("MlpPolicy", envs, horizon=8, ticks=ticks, policy_kwargs={"log_std_init": 0.0}, seed=1)
     envs.reset(seed=5)
-    for _ in range(3):
-        envs.step(envs.action_space.sample() * 0.1)
-    start, first = envs.snapshot(), model.learner.parameters
     random = np.random.default_rng(0)
+    for _ in range(5):
+        envs.step(random.normal(0.0, 0.1, envs.action_space.shape).astype(np.float32))
+    start, first = envs.snapshot(), model.learner.parameters
     first += random.normal(0.0, 0.05, first.shape).astype(np.float32)
     config = _core.GradientConfig(horizon=8, ticks=ticks, learning_rate=0.0)
 
@@ -70,16 +76,66 @@ def test_the_gradient_predicts_how_the_loss_changes(task, ticks, keywords):
 
     loss(first)
     gradient = model.learner.window_gradient().astype(float)
-    square = gradient @ gradient
-    shift = 1e-2 / np.sqrt(square)
-    up, down = (loss((first + sign * shift * gradient).astype(np.float32)) for sign in (1, -1))
-    assert (up - down) / (2 * shift) == pytest.approx(square, rel=0.03)
+    for part in np.array_split(np.flatnonzero(gradient), 4):
+        along = np.zeros_like(gradient)
+        along[part] = gradient[part]
+        square = along @ along
+        shift = 1e-2 / np.sqrt(square)
+        up, down = (loss((first + sign * shift * along).astype(np.float32)) for sign in (1, -1))
+        assert (up - down) / (2 * shift) == pytest.approx(square, rel=0.03)
+
+
+def blind(keywords, flown, seed=5):
+    """Return the environments after these actions, and a model whose action is the same everywhere."""
+    envs = DroneVectorEnv(6, task=HoverConfig(), policy_hz=50, control="body_rates", **keywords)
+    model = APG("MlpPolicy", envs, seed=0)
+    envs.reset(seed=seed)
+    for action in flown:
+        envs.step(np.tile(action, (6, 1)))
+    parameters = np.zeros_like(model.learner.parameters)
+    first = next(first for name, _, first in model.learner.layout if name == "action_net.bias")
+    where = slice(first, first + 4)
+    parameters[where] = np.float32([0.1, -0.05, 0.02, 0.03])
+    model.learner.parameters = parameters
+    return envs, model.learner, where
+
+
+def test_commands_that_are_late_by_two_steps_are_those_of_two_steps_before():
+    random, late, steps = np.random.default_rng(1), 2, 12
+    sent = random.normal(0.0, 0.1, (5, 4)).astype(np.float32)
+    flown = [sent[0]] * late + [*sent]  # the first one arrives at once
+    config = {"gamma": 0.9, "learning_rate": 0.0, "ticks": 2}
+    envs, learner, where = blind({"variations": flockstep.vary(action_delay_s=late / 50)}, sent)
+    learner.learn_window(_core.GradientConfig(horizon=steps + late, **config), envs.batch)
+    found, action = learner.window_gradient()[where], learner.parameters[where]
+    envs, learner, where = blind({}, flown)
+    learner.learn_window(_core.GradientConfig(horizon=steps, **config), envs.batch)
+    shifted = learner.window_gradient()[where] * 0.9**late * steps
+    effort = 0.005 * 2 * action * sum(0.9**t for t in range(late))  # of the steps that fly earlier commands
+    assert found * (steps + late) == pytest.approx(shifted + effort, rel=1e-4, abs=1e-6)
+
+
+def test_commands_that_are_not_late_have_the_usual_derivatives():
+    gradients = []
+    for variations in ([], flockstep.vary(action_delay_s=(0.0, 0.06))):
+        envs = hover(variations=variations)
+        model = APG("MlpPolicy", envs, policy_kwargs=POINT, seed=0)
+        envs.reset(seed=3)
+        if variations:
+            is_delay = [name == "action_delay_s" for name in flockstep.parameter_names]
+            envs.batch.set_params(np.where(is_delay, 0, envs.batch.params))
+        model.learner.learn_window(_core.GradientConfig(), envs.batch)
+        gradients.append(model.learner.window_gradient())
+    np.testing.assert_allclose(gradients[1], gradients[0], atol=1e-5 * np.abs(gradients[0]).max())
 
 
 def test_threads_and_repeats_give_the_same_bits():
-    several = [trained(threads, num_envs=150, num_threads=threads).learner.parameters for threads in (1, 2, 1)]
-    assert np.array_equal(several[0], several[1])
-    assert np.array_equal(several[0], several[2])
+    for keywords in ({}, {"variations": LATE}):
+        several = [
+            trained(threads, num_envs=150, num_threads=threads, **keywords).learner.parameters for threads in (1, 2, 1)
+        ]
+        assert np.array_equal(several[0], several[1])
+        assert np.array_equal(several[0], several[2])
 
 
 def test_ppo_goes_on_with_a_file(tmp_path):
@@ -111,22 +167,33 @@ def test_callbacks_are_called_after_each_update():
 
 
 def test_without_a_derivative_is_refused_by_name():
-    for keywords, field in (
-        ({"control": "position"}, "control"),
-        ({"variations": flockstep.vary(action_delay_s=(0.0, 0.04))}, "variations"),
-        ({"observed": flockstep.ObservationConfig(history=2)}, "observed"),
+    for keywords, field, *told in (
+        ({"control": "position"}, "control", "rotor_thrusts", "position"),
+        ({"drone": "f550"}, "drone", "6 rotors"),
+        ({"observed": flockstep.ObservationConfig(history=2, past_actions=1)}, "observed", "history=2, past_actions=1"),
+        (
+            {"privileged": ["mass_scale"], "variations": flockstep.vary(mass_scale=(0.9, 1.1))},
+            "privileged",
+            "mass_scale",
+        ),
+        ({"frame_skip": 2}, "frame_skip", "got 2"),
     ):
-        with refused(ValueError, field):
-            APG("MlpPolicy", hover(**keywords), seed=0).learn(640)
+        with refused(ValueError, field, *told):
+            APG("MlpPolicy", hover(**keywords), seed=0)
+    envs = hover()
+    model = APG("MlpPolicy", envs, seed=0)
+    with refused(ValueError, "frame_skip"):
+        model.set_env(hover(frame_skip=2))
+    assert model.env is envs
     with refused(ValueError, "horizon", 5_000_000):
-        APG("MlpPolicy", hover(500), horizon=10_000).learn(1)
+        APG("MlpPolicy", hover(500), horizon=10_000)
     with refused(ValueError, "autoreset_mode", "disabled"):
         APG("MlpPolicy", hover(autoreset_mode="disabled"))
     with refused(ValueError, "env"):
         APG("MlpPolicy", gymnasium.make_vec("Pendulum-v1", 2))
     dodge = DroneVectorEnv(4, task=flockstep.DodgeConfig())
-    with pytest.raises(ValueError, match="derivatives"):
-        APG("MlpPolicy", dodge).learn(320)
+    with refused(ValueError, "task", "hover, track or race", "dodge"):
+        APG("MlpPolicy", dodge)
 
 
 @pytest.mark.parametrize(
