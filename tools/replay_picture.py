@@ -26,12 +26,12 @@ def main() -> None:
 
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as player:
         path = Path(folder) / "flight.html"
-        flockstep.record(path, flockstep.policies.load("dodge"), "flockstep/Dodge-v0", seed=3, steps=400, quiet=True)
+        flockstep.record(path, flockstep.policies.load("lidar"), worlds="playground/train-2", quiet=True)
         browser = player.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS, timeout=LIMIT_MS)
         tab = browser.new_page(viewport=SIZE)
         tab.goto(f"file://{path}", timeout=LIMIT_MS)
         tab.wait_for_selector("body[data-state=ready]", state="attached", timeout=LIMIT_MS)
-        tab.evaluate("flockstep.page.seek(5.2)")
+        tab.evaluate("flockstep.page.seek(9)")
         tab.wait_for_timeout(3000)
         picture = tab.screenshot(timeout=LIMIT_MS)
         browser.close()

@@ -17,6 +17,11 @@ _TEMPLATE = Path(__file__).with_name("page.html")
 _PLACE = "<!-- flights -->"
 
 
+def is_built() -> bool:
+    """Return whether this build of flockstep has the page."""
+    return _TEMPLATE.is_file()
+
+
 def template() -> str:
     """Return the page without flights.
 

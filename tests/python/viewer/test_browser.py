@@ -16,7 +16,7 @@ from flockstep.recordings import Capture
 from flockstep.viewer import page as pages
 
 CHROMIUM = shutil.which("chromium")
-if CHROMIUM is None or not pages._TEMPLATE.is_file():
+if CHROMIUM is None or not pages.is_built():
     pytest.skip("needs Chromium and the page of ./dev viewer", allow_module_level=True)
 playwright = pytest.importorskip("playwright.sync_api")
 

@@ -16,8 +16,7 @@ import flockstep
 from flockstep.recordings import Capture, Recording
 from flockstep.viewer import page
 
-HAS_PAGE = page._TEMPLATE.is_file()
-needs_page = pytest.mark.skipif(not HAS_PAGE, reason="no page for replays: this build had no Node.js")
+needs_page = pytest.mark.skipif(not page.is_built(), reason="no page for replays: this build had no Node.js")
 
 
 def flown(steps=30, num_envs=2, seed=0, **keywords):
