@@ -21,7 +21,6 @@ class Described(NamedTuple):
     """One array of a recording."""
 
     unit: str
-    about: str
     read: Callable[[], Array]
 
 
@@ -71,10 +70,10 @@ class Moments:
                     continue
                 if size:
                     read = _reader(owner, name, counts[array["shape"][1]])
-                    found[prefix + name] = Described(array["unit"], array["about"], read)
+                    found[prefix + name] = Described(array["unit"], read)
         for lidar in batch.lidars:
             read = _ranges_of(batch, lidar.name, self.drones)
-            found[f"lidar.{lidar.name}.ranges"] = Described("m", "ranges of a LiDAR's beams; inf: no hit", read)
+            found[f"lidar.{lidar.name}.ranges"] = Described("m", read)
         return found
 
     def settings(self) -> dict[str, Any]:
