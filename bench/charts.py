@@ -50,6 +50,17 @@ CHARTS: dict[str, tuple[str, str, str, dict[str, str]]] = {
             "controller, slower": "race_varied/controller/{x:\\d+}/success",
         },
     ),
+    "reality-rates": (
+        "Roll and pitch of a real Crazyflie, shaken",
+        "ms after the start",
+        "error of body rates, rad/s",
+        {
+            "constant rates": "reality/roll_pitch/rates/guess/{x:\\d+}",
+            "bundled": "reality/roll_pitch/rates/bundled/{x:\\d+}",
+            "trimmed": "reality/roll_pitch/rates/trimmed/{x:\\d+}",
+            "fitted": "reality/roll_pitch/rates/fitted/{x:\\d+}",
+        },
+    ),
     "thesis-steps": (
         "Steps of the server while drones move, figure 5.1",
         "s",

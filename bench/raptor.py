@@ -1,27 +1,24 @@
 """The published policy RAPTOR (J. Eschmann et al., arXiv:2509.11481) and ours, on the same throws of all airframes.
 
-pip downloads RAPTOR's package, foundation-policy, into out/peers/. It sets rotor speeds 100 times a second and knows
-nothing of the airframe. Ours is flockstep.policies.load("hover_varied"): it commands body rates 50 times a second, and
-the flight controller, which knows the airframe, sets the rotors.
+RAPTOR, in the package foundation-policy, sets rotor speeds 100 times a second and knows nothing of the airframe. Ours
+is flockstep.policies.load("hover_varied"): it commands body rates 50 times a second, and the flight controller, which
+knows the airframe, sets the rotors.
 """
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+from foundation_policy import Raptor
 
 import flockstep
 from flockstep.rotations import rotate
 from flockstep.trainings import TRAININGS, UNSEEN_SEEDS
 from flockstep.trainings.varied import FRAMES, MEMORY, UNSEEN_FRAMES
-from peers import python_of
 from timing import Measured
 
-PACKAGES = ["foundation-policy==1.0.2", "h5py", "importlib-resources"]
 FLIGHTS, FLIGHT_S = 256, 6.0
 #: Throws that RAPTOR's authors would call gentle, and those of the board.
 THROWS = {
@@ -31,16 +28,6 @@ THROWS = {
 #: Rotor of ours for each of RAPTOR's, which go round: front right, rear right, rear left, front left.
 ROTORS = [0, 3, 1, 2]
 Fly = Callable[[Any, Any], Any]
-
-
-def raptor() -> Any:
-    """Return a class of the package, which lives beside our packages only in this process."""
-    python = python_of("raptor", PACKAGES)
-    where = [str(python), "-c", "import site; print(site.getsitepackages()[0])"]
-    sys.path.append(subprocess.run(where, capture_output=True, text=True, check=True).stdout.strip())
-    from foundation_policy import Raptor
-
-    return Raptor
 
 
 class ByRaptor:
@@ -99,7 +86,7 @@ def errors(task: flockstep.HoverConfig, who: str, airframe: dict[str, Any]) -> A
     )
     observation, _ = envs.reset(seed=UNSEEN_SEEDS.start)
     model = flockstep.policies.load("hover_varied")
-    act = ByRaptor(envs, raptor()()) if who == "raptor" else None
+    act = ByRaptor(envs, Raptor()) if who == "raptor" else None
     steps, last, crashed = round(FLIGHT_S * keywords["policy_hz"]), [], np.zeros(FLIGHTS, bool)
     for step in range(steps):
         actions = model.predict(observation, deterministic=True)[0] if act is None else act(observation[:, :3])

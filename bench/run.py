@@ -259,7 +259,12 @@ BENCHES = {
     "worlds": Bench("LiDARs and cameras in every bundled world, and their share of Embree", "bundled"),
     "imaging": Bench("colour detection, HSV and smaller images, in our kernels and in OpenCV", "imaging"),
     "plan": Bench("paths in every bundled world and twenty of each generator: time and length", "plan"),
-    "raptor": Bench("the policy RAPTOR and ours on the same throws; pip downloads it into out/peers/", "raptor", True),
+    "raptor": Bench("the policy RAPTOR and ours on the same throws", "raptor", True),
+    "export": Bench("policies as C on Cortex-M4 and M7 in QEMU: error, size, instructions", "export", True),
+    "transfer": Bench(
+        "our policies in other simulators, and their controllers here; also downloaded", "transfer", True
+    ),
+    "reality": Bench("fits of real flights, which are in FLOCKSTEP_REAL_FLIGHTS", "peers.real_flights", True),
     "variations": Bench("steps with drones that differ beside drones alike; memory", "variations"),
     "rotors_varied": Bench("two trainings with drones that differ and without", "tasks:measure_varied", True),
     "race": Bench("steps of Race, with gates that are solid and with gates that are not", "tasks:measure_race"),

@@ -32,6 +32,11 @@ def measure(bench: str) -> Iterator[Measured]:
     if bench == "gradients":
         yield from measure_gradients()
         return
+    if bench == "betaflight":
+        from peers import firmware  # needs the extra
+
+        yield from firmware.measure()
+        return
     first = TRAININGS[BENCHES[bench][0]]
     for flyer, candidates in first.baselines.items():
         yield from figures(

@@ -32,6 +32,7 @@ PUBLIC = (
     "flockstep",
     "flockstep.bridges",
     "flockstep.client",
+    "flockstep.identification",
     "flockstep.policies",
     "flockstep.rllib",
     "flockstep.rotations",

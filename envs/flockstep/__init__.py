@@ -8,8 +8,8 @@ environment, and `Task` is the base class for your own tasks. `flockstep.sb3` co
 `flockstep.rllib` to Ray RLlib, ``parallel_env`` to PettingZoo, and `flockstep.testing` checks any Gymnasium vector
 environment. `flockstep.torch` differentiates flights. `PPO` trains a policy, with the settings of `presets` if you
 like, and `flockstep.policies` has trained ones. `evaluate` and `success_rates` test a policy, `record` films a
-flight or writes a `Recording`, and `show` replays it. `render` takes a picture of a world. `connect` connects to a
-server.
+flight or writes a `Recording`, `show` replays it, `export` writes a policy for C or ONNX. `render` takes a picture of a
+world. `connect` connects to a server.
 """
 
 # ruff: noqa: E402 # the check for required packages comes before the imports that need them
@@ -73,6 +73,7 @@ from flockstep.airframe import estimate_airframe
 from flockstep.drone_mesh import DroneMesh
 from flockstep.env import DroneEnv
 from flockstep.evaluation import Evaluation, evaluate, success_rates
+from flockstep.export import export
 from flockstep.headers import cmake_dir, include_dir
 from flockstep.learning import APG, PPO
 from flockstep.pictures.picture import render
@@ -147,6 +148,7 @@ __all__ = [
     "describe",
     "estimate_airframe",
     "evaluate",
+    "export",
     "formation_places",
     "green_blob",
     "include_dir",

@@ -8,6 +8,7 @@ import sys
 
 from flockstep import doctor, headers, serving
 from flockstep.bridges import ardupilot, mcap
+from flockstep.identification import command as identification
 from flockstep.trainings import command as trainings
 
 
@@ -31,6 +32,7 @@ def main() -> None:
     serving.add_command(commands)
     ardupilot.add_command(commands)
     mcap.add_command(commands)
+    identification.add_command(commands)
     arguments = parser.parse_args()
     try:
         arguments.run(arguments)

@@ -27,8 +27,9 @@ _OPTIONAL = (
     ("imageio-ffmpeg", "imageio_ffmpeg", "films"),
     ("moviepy", "moviepy", "films by Gymnasium's recorders"),
     ("fast-simplification", "fast_simplification", "meshes of drones"),
-    ("scipy", "scipy", "hulls of meshes"),
+    ("scipy", "scipy", "hulls of meshes, identification"),
     ("mcap-ros2-support", "mcap_ros2", "MCAP files"),
+    ("onnx", "onnx", "policies as ONNX files"),
     ("matplotlib", "matplotlib", "plots"),
     ("tensorboard", "tensorboard", "learning curves"),
 )

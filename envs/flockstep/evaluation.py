@@ -19,7 +19,6 @@ from flockstep.recordings.recording import require_saveable
 from flockstep.registration import make_same_step
 from flockstep.scenes import WorldsLike
 from flockstep.task import Task
-from flockstep.vector_env import DroneVectorEnv
 
 if TYPE_CHECKING:
     from typing import Literal
@@ -54,6 +53,7 @@ def evaluate(
     seed: int = 0,
     *,
     drone_episodes: Literal["team", "each", "last"] | None = None,
+    through: Literal["betaflight"] | None = None,
     record: str | PathLike[str] | None = None,
     **kwargs: Any,
 ) -> Evaluation:
@@ -82,17 +82,23 @@ def evaluate(
     drone_episodes
         How the episodes of an env's drones belong together: the keyword ``episodes`` of `DroneVectorEnv`. Default: that
         of a `Task`, otherwise ``"team"``.
+    through
+        ``"betaflight"``: firmware flies the drones, each its own, instead of the built-in controller. The task must be
+        one of the engine with ``control="body_rates"``. Rewards are given in each tick of the firmware, so only ends
+        and lengths compare with others. Needs the extra ``betaflight``.
     record
         A file ``.html`` or ``.mcap`` for a `Recording` of the episodes, of the first 64 envs. The results stay the
-        same. Not with ``drone_episodes="each"``.
+        same. Neither with ``through`` nor with ``drone_episodes="each"``.
     **kwargs
         Further keywords of `DroneVectorEnv`. Several ``worlds`` are assigned to the envs in turn.
     """
+    keywords: dict[str, Any] = {**kwargs, **_mode(drone_episodes)}
     if record is not None:
         require_saveable(record)
-    envs = make_same_step(
-        "evaluate", env, _count(episodes), ends_stay=record is not None, **kwargs, **_mode(drone_episodes)
-    )
+        if through is not None:
+            raise ValueError(f"record: expected None with through={through!r}, got {record!r}")
+        keywords["ends_stay"] = True
+    envs = make_flown("evaluate", env, _count(episodes), through, **keywords)
     if record is not None and envs.recipe.episode.episodes == "each" and envs.drones_per_env > 1:
         raise ValueError("record: expected None with drone_episodes='each', whose drones begin again while others fly")
     names = envs.task.info_names if isinstance(envs.task, Task) else []
@@ -155,15 +161,32 @@ def success_rates(
     return {name: _mean(successes) for name, successes in by_world.items()}
 
 
+def make_flown(
+    caller: str,
+    env: str | Task | type[Task] | NativeTask,
+    num_envs: int,
+    through: Literal["betaflight"] | None = None,
+    **keywords: Any,
+) -> Any:
+    """Make the envs of an evaluation: a `DroneVectorEnv`, or one that flies ``through`` firmware."""
+    if through is None:
+        return make_same_step(caller, env, num_envs, **keywords)
+    if through != "betaflight":
+        raise ValueError(f"through: expected 'betaflight' or None, got {through!r}")
+    from flockstep.bridges import betaflight_env  # needs what an extra installs
+
+    return betaflight_env.make(caller, env, num_envs, **keywords)
+
+
 def first_episodes(
     model: Any,
-    envs: DroneVectorEnv,
+    envs: Any,
     caller: str,
     seed: int,
     watch: Callable[[Any, npt.NDArray[np.bool_]], None] | None = None,
     capture: Capture | None = None,
 ) -> list[dict[str, Any]]:
-    """Fly until every row has ended an episode; return the infos of these first ends and close the envs.
+    """Fly envs of ``make_flown`` until each row has ended an episode; return the infos of these ends, close the envs.
 
     After each step ``watch`` is called with the observation, and a mask (N,) of the rows whose first episode goes on.
     """

@@ -143,7 +143,8 @@ presets: Mapping[str, Sequence[Variation]] = _Named("presets", _presets())
 
 #: Controllers by name. "gentle": gains by the rotors' lag. "px4": the defaults of PX4 1.15 (MC_ROLL_P 6.5, MC_YAW_P
 #: 2.8, MPC_XY_P 0.95, MPC_XY_VEL_P_ACC 1.8, MPC_XY_VEL_I_ACC 0.4; rates: 0.15 and 0.2 times what a unit of torque does
-#: to its X500). "betaflight": a quick rate loop for a racer of 5 inches, not yet fitted to the firmware.
+#: to its X500). "betaflight": fitted to the response of Betaflight 4.6 with its default gains, which
+#: flies a racer5 (bench/peers/firmware.py).
 controllers: Mapping[str, ControllerConfig] = _Named(
     "controllers",
     {
@@ -158,7 +159,7 @@ controllers: Mapping[str, ControllerConfig] = _Named(
             position_gain_per_s=0.95,
             lead=1.0,
         ),
-        "betaflight": ControllerConfig(rate_gain_per_s=25.0, lead=1.0),
+        "betaflight": ControllerConfig(rate_gain_per_s=58.0, yaw_rate_gain_per_s=20.0, lead=2.6, command_lag_s=0.001),
     },
 )
 

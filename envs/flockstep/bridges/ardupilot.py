@@ -109,8 +109,10 @@ def _floats(values: npt.ArrayLike) -> list[float]:
     return floats
 
 
-def rotors_of_quad_x(drone: DroneModel) -> list[int]:
+def rotors_of_quad_x(drone: DroneModel, whose: str = "ArduPilot's frame QUAD X") -> list[int]:
     """Return the rotor of an airframe for each of the motors 1 to 4 of ArduPilot's frame QUAD X.
+
+    ``whose`` names the frame in messages.
 
     Raises
     ------
@@ -121,12 +123,12 @@ def rotors_of_quad_x(drone: DroneModel) -> list[int]:
     if rotors is None:
         raise ValueError("drone: expected one with an airframe, got a hull only")
     if len(rotors["spin"]) != 4:
-        raise ValueError(f"drone: expected a quadrotor, for ArduPilot's frame QUAD X, got {len(rotors['spin'])} rotors")
+        raise ValueError(f"drone: expected a quadrotor, for {whose}, got {len(rotors['spin'])} rotors")
     corners = [(float(np.sign(x)), float(np.sign(y))) for x, y, _ in rotors["position_m"]]
     found = []
     for motor, (corner, spin) in enumerate(_QUAD_X):
         at = [rotor for rotor, sign in enumerate(corners) if sign == corner]
-        where = f"drone: expected ArduPilot's frame QUAD X, with motor {motor + 1} {_QUAD_X_NAMES[motor]}, {spin}"
+        where = f"drone: expected {whose}, with motor {motor + 1} {_QUAD_X_NAMES[motor]}, {spin}"
         if len(at) != 1:
             raise ValueError(f"{where}; got {len(at)} rotors there")
         if rotors["spin"][at[0]] != spin:

@@ -19,6 +19,14 @@ FEATURES = {
     "BlobFeatures": "blob",
     "PointFeatures": "point",
 }
+# Constants of these features, which engine/src/learning/network.cpp has, too.
+DIRECTION_SIZE = 3
+DIRECTION_GAIN = 2.0
+NEAREST = 0.05  # fraction of the maximum range: keeps the logarithm finite, and flat at ranges of contact with the hull
+BLOB_SIZE = 2
+OFFSET_GAIN = 3.0
+WIDTH_GAIN = 5.0  # for the root of the blob's area: one or two hundredths across the playground, one half at the goal
+NEAR_POINT_M = 0.1
 _ARGUMENTS = ("net_arch", "activation_fn", "log_std_init", "features_extractor_class")
 _USE_SB3 = "train with Stable-Baselines3"
 

@@ -11,17 +11,17 @@ from stable_baselines3.common.preprocessing import get_flattened_obs_dim, is_ima
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-DIRECTION_SIZE = 3
-DIRECTION_GAIN = 2.0
-NEAREST = 0.05  # fraction of the maximum range: keeps the logarithm finite, and flat at ranges of contact with the hull
-
-BLOB_SIZE = 2
-OFFSET_GAIN = 3.0
-WIDTH_GAIN = 5.0  # for the root of the blob's area: one or two hundredths across the playground, one half at the goal
+from flockstep.learning.networks import (
+    BLOB_SIZE,
+    DIRECTION_GAIN,
+    DIRECTION_SIZE,
+    NEAR_POINT_M,
+    NEAREST,
+    OFFSET_GAIN,
+    WIDTH_GAIN,
+)
 
 COLOR_GAIN = 4.0
-
-NEAR_POINT_M = 0.1
 
 SMALLEST_IMAGE_PX = 8
 

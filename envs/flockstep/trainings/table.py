@@ -22,7 +22,7 @@ from flockstep._core import (
     TrackConfig,
     World,
 )
-from flockstep.trainings import flyers, gradients, varied
+from flockstep.trainings import firmware, flyers, gradients, varied
 from flockstep.trainings.flying import Flyer
 from flockstep.trainings.training import TRAINING_SEEDS, Keywords, Training
 
@@ -378,6 +378,7 @@ TRAININGS["race_alike"] = replace(
     figures=varied.TRAININGS["race_varied"].figures,
     bench=("race_varied", "alike", 5),
 )
+TRAININGS |= firmware.rows(TRAININGS["race"])
 by_gradients = gradients.by_gradients
 TRAININGS |= {
     "hover_apg": by_gradients(TRAININGS["hover"], 307_200, gradients.POINT, "hover"),

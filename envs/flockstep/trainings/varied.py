@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from flockstep._core import (
+    ControllerConfig,
     DroneModel,
     DynamicsConfig,
     HoverConfig,
@@ -22,7 +23,7 @@ from flockstep._core import (
 from flockstep.trainings import flyers
 from flockstep.trainings.flying import Flyer
 from flockstep.trainings.training import UNSEEN_SEEDS, Array, Keywords, Training
-from flockstep.variations import controllers, log_uniform, normal, uniform, vary
+from flockstep.variations import log_uniform, normal, uniform, vary
 
 FRAMES = [name for name in DroneModel.names() if DroneModel.load(name).num_rotors == 4]
 UNSEEN_FRAMES = [f"random/seed-{seed}" for seed in range(UNSEEN_SEEDS.start, UNSEEN_SEEDS.start + 1000)]
@@ -35,7 +36,7 @@ MEMORY = ObservationConfig(history=2, past_actions=2)
 LONGER_MEMORY = ObservationConfig(history=3, past_actions=2)
 NARROWER_M = 0.15
 """How much narrower the gates are in training: a policy that learns in them keeps away from the frames of others."""
-BETAFLIGHT = controllers["betaflight"]
+QUICK = ControllerConfig(rate_gain_per_s=25.0, lead=1.0)
 WIDTHS = (10, 20, 30, 40)
 """Percent by which each number of a racer may be off."""
 
@@ -155,7 +156,7 @@ def raced(observed: ObservationConfig) -> Callable[[int, int], Mapping[str, Keyw
     track |= {"observed": observed}
     kinds = {
         "alike": track,
-        "quick": {**track, "dynamics": DynamicsConfig(motion="rotors", control="body_rates", controller=BETAFLIGHT)},
+        "quick": {**track, "dynamics": DynamicsConfig(motion="rotors", control="body_rates", controller=QUICK)},
         **{str(percent): {**track, "variations": every_number(percent / 100)} for percent in WIDTHS},
     }
     return lambda flights, seed: kinds

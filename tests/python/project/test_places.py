@@ -91,9 +91,10 @@ WHERE = {
     "operation": ("server/", "envs/flockstep/client/"),
     "field": ("bindings/", "envs/"),
 }
-#: Files that use a name as programs of users do: rows of trainings and presets give values to fields, presets to all.
+#: Files that use a name as programs of users do: rows of trainings and presets give values to fields, presets to all;
+#: identification reads and writes drone files.
 USERS = {
-    "field": r"/trainings/|flockstep/(thesis|variations)\.py",
+    "field": r"/trainings/|/identification/|flockstep/(thesis|variations)\.py",
     "sensor": r"flockstep/thesis\.py",
     "task": r"flockstep/(thesis|trainings/varied)\.py",
 }

