@@ -127,7 +127,7 @@ export class Drones {
     const quat = new THREE.Quaternion();
     const { hubs, spins } = flight.drone;
     const speeds = flight.column("rotor_speed");
-    const ground = flight.column("height_m");
+    const ground = flight.column("above_m");
     const size = flight.drone.rotor_m + Math.max(...hubs.map(([x, y]) => Math.hypot(x, y)), 0);
     const lights = ["position", "color"].map((name) => this.lights.geometry.getAttribute(name) as THREE.BufferAttribute);
     const color = new THREE.Color();

@@ -291,7 +291,7 @@ class Page {
       const [x, y, z] = [0, 1, 2].map((axis) => flight.value(velocity, step, 3 * choice.drone + axis));
       words.push(`${Math.hypot(x, y, z).toFixed(1)} m/s`);
     }
-    const height = flight.column("height_m");
+    const height = flight.column("above_m");
     const above = height ? flight.value(height, step, choice.drone) : NaN;
     if (Number.isFinite(above)) words.push(`${above.toFixed(1)} m above ground`);
     state.textContent = words.join(" · ");

@@ -31,7 +31,7 @@ _CURVES = (
     ("Reward terms", "reward_terms"),
     ("Actions", "actions"),
     ("Velocity", "velocity"),
-    ("Height", "height_m"),
+    ("Height", "above_m"),
     ("Rotors", "rotor_speed"),
     ("Angular velocity", "angular_velocity"),
     ("Accelerometer", "accelerometer"),
@@ -83,7 +83,7 @@ def pack(recording: Recording) -> bytes:
     packer.add("active", recording["active"].astype(np.uint8))
     packer.add("world_index", index)
     packer.add("episode", recording.drone_episodes.astype(np.int32))
-    packer.add("height_m", height)
+    packer.add("above_m", height)
     for name in ("velocity", "rotor_speed", "bodies.position", "bodies.quat_wxyz", "contact.point"):
         if name in recording:
             packer.add(name, recording[name].astype(np.float32))
@@ -92,12 +92,12 @@ def pack(recording: Recording) -> bytes:
             packer.add(name, recording[name].astype(np.uint8))
     curves = []
     for title, name in _CURVES:
-        if name not in recording and name != "height_m":
+        if name not in recording and name != "above_m":
             continue
         if name not in [array["name"] for array in packer.arrays]:
             packer.add(name, recording[name].astype(np.float32))
-        values = height if name == "height_m" else recording[name]
-        unit = "m" if name == "height_m" else recording._contents.units.get(name, "")
+        values = height if name == "above_m" else recording[name]
+        unit = "m" if name == "above_m" else recording._contents.units.get(name, "")
         columns = _columns(name, values, recording)
         curves.append({"title": title, "unit": "" if unit == "1" else unit, "array": name, "columns": columns})
     header = {
