@@ -273,6 +273,7 @@ BENCHES = {
     "workers": Bench("start of a trainer's worker by spawn, fork and pickle: time by stage, memory", "workers"),
     "engines": Bench("steps of DDP, TorchRL's collectors and RLlib by number of processes", "engines", True),
     "server": Bench("round trips beside an echo, a remote vector env, streams", "server"),
+    "viewer": Bench("recordings, and their page in Chromium; needs Playwright and Chromium", "browser.viewer", True),
     "dynamics": Bench("rotor flight: kernel, controllers, terms, contacts, steps, memory", bench_dynamics),
     "dynamics_accuracy": Bench("errors of rotor flight against double precision", "dynamics_accuracy"),
     "dynamics_peers": Bench("other simulators, which pip downloads into out/peers/", "dynamics_peers", True),

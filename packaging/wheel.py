@@ -177,9 +177,9 @@ def check(wheel: Path) -> str:
     strangers = [name for name in names if UNWANTED.match(name.removeprefix("flockstep.libs/"))]
     if strangers:
         raise SystemExit(f"wheel: {wheel.name} holds what it must not: {', '.join(strangers)}")
-    for folder in ("scenes", "policies"):
-        if not any(name.startswith(f"flockstep/{folder}/") for name in names):
-            raise SystemExit(f"wheel: {wheel.name} holds no {folder}")
+    for part in ("scenes/", "policies/", "viewer/page.html"):
+        if not any(name.startswith(f"flockstep/{part}") for name in names):
+            raise SystemExit(f"wheel: {wheel.name} holds no {part.removesuffix('/')}")
     size = wheel.stat().st_size
     if size > MOST_BYTES:
         raise SystemExit(f"wheel: {wheel.name} has {size:,} bytes, more than {MOST_BYTES:,}")

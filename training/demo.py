@@ -17,6 +17,7 @@ from flockstep.pictures.lines import Trail
 from flockstep.pictures.third_person_view import ThirdPersonView
 from flockstep.sb3 import Progress
 from flockstep.trainings import UNSEEN_SEEDS, train
+from flockstep.viewer import page
 from tools import catch_film
 from tools.stills import draw_sheet
 from training.board import CURVE_FLIGHTS, LEARNED, TRAININGS, Clock, TimeLimit, verdict_on
@@ -107,6 +108,7 @@ In {args.out}/
   paths.png            its paths through all playgrounds, from above
   path-*.png           each path, from above and from the side
   flight.mp4           a film of one flight ({shown.outcome}) from behind the drone, with the LiDAR's beams
+  flight.html          the same flight in a browser, from any side; only if ./dev had Node.js to build this page
   flight.png           the same flight at a glance: the drone at every {APART_M:g} m
   curve.png            how reward and success grew, over steps and seconds
   camera-sheet.png     what cameras see: every output, at three places of a camera playground
@@ -134,6 +136,8 @@ def main(args: Args) -> None:
     plot_exposures(worlds[shown], flights[shown], args.out / "flight.png")
     film = args.out / "flight.mp4"
     flockstep.record(film, policy, worlds=worlds[shown], steps=MAX_STEPS, fps=FILM_FPS, render_size=FILM_PX)
+    if page.is_built():
+        flockstep.record(args.out / "flight.html", policy, worlds=worlds[shown], steps=MAX_STEPS)
     plot_curve(clock, args.out / "curve.png")
     draw_sheet(args.out / "camera-sheet.png")
     unseen = Setup().generated(UNSEEN_SEEDS, UNSEEN_WORLDS)

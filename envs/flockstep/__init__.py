@@ -8,7 +8,8 @@ environment, and `Task` is the base class for your own tasks. `flockstep.sb3` co
 `flockstep.rllib` to Ray RLlib, ``parallel_env`` to PettingZoo, and `flockstep.testing` checks any Gymnasium vector
 environment. `flockstep.torch` differentiates flights. `PPO` trains a policy, with the settings of `presets` if you
 like, and `flockstep.policies` has trained ones. `evaluate` and `success_rates` test a policy, `record` films a
-flight, `export` writes it for C or ONNX. `render` takes a picture of a world. `connect` connects to a server.
+flight or writes a `Recording`, `show` replays it, `export` writes a policy for C or ONNX. `render` takes a picture of a
+world. `connect` connects to a server.
 """
 
 # ruff: noqa: E402 # the check for required packages comes before the imports that need them
@@ -78,11 +79,13 @@ from flockstep.learning import APG, PPO
 from flockstep.pictures.picture import render
 from flockstep.planning import plan
 from flockstep.recording import record
+from flockstep.recordings import Recording
 from flockstep.relight import relight
 from flockstep.serving import serve
 from flockstep.task import Task
 from flockstep.variations import describe, vary
 from flockstep.vector_env import DroneVectorEnv
+from flockstep.viewer import show
 from flockstep.world_pool import WorldPool
 
 __all__ = [
@@ -124,6 +127,7 @@ __all__ = [
     "PoseSensorConfig",
     "RaceConfig",
     "Recipe",
+    "Recording",
     "Server",
     "ServerConfig",
     "SwapConfig",
@@ -162,6 +166,7 @@ __all__ = [
     "sb3",
     "scenes",
     "serve",
+    "show",
     "success_rates",
     "testing",
     "thesis",

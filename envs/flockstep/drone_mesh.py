@@ -167,8 +167,10 @@ class DroneMesh:
         return cls._quadrotor(drone, quadrotor_mesh.COLORS)
 
     @classmethod
-    def _quadrotor(cls, drone: DroneModel, colors: Mapping[str, quadrotor_mesh.Rgb]) -> DroneMesh:
-        solids = quadrotor_mesh.quadrotor(drone, colors)
+    def _quadrotor(
+        cls, drone: DroneModel, colors: Mapping[str, quadrotor_mesh.Rgb], *, propellers: bool = True
+    ) -> DroneMesh:
+        solids = quadrotor_mesh.quadrotor(drone, colors, propellers=propellers)
         starts = np.cumsum([0, *(len(corners) for corners, _, _ in solids)])
         return cls(
             np.concatenate([corners for corners, _, _ in solids]),

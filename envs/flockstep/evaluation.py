@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,12 +14,16 @@ import numpy.typing as npt
 from flockstep import scenes, stepping
 from flockstep._core import EpisodeEnd, NativeTask
 from flockstep.recording import actions_of
+from flockstep.recordings import Capture
+from flockstep.recordings.recording import require_saveable
 from flockstep.registration import make_same_step
 from flockstep.scenes import WorldsLike
 from flockstep.task import Task
 
 if TYPE_CHECKING:
     from typing import Literal
+
+_MOST_RECORDED = 64  # envs
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,7 @@ def evaluate(
     *,
     drone_episodes: Literal["team", "each", "last"] | None = None,
     through: Literal["betaflight"] | None = None,
+    record: str | PathLike[str] | None = None,
     **kwargs: Any,
 ) -> Evaluation:
     """Fly a policy for some episodes; return how often each kind of end occurred, and the means of all other values.
@@ -80,12 +86,26 @@ def evaluate(
         ``"betaflight"``: firmware flies the drones, each its own, instead of the built-in controller. The task must be
         one of the engine with ``control="body_rates"``. Rewards are given in each tick of the firmware, so only ends
         and lengths compare with others. Needs the extra ``betaflight``.
+    record
+        A file ``.html`` or ``.mcap`` for a `Recording` of the episodes, of the first 64 envs. The results stay the
+        same. Neither with ``through`` nor with ``drone_episodes="each"``.
     **kwargs
         Further keywords of `DroneVectorEnv`. Several ``worlds`` are assigned to the envs in turn.
     """
-    envs = make_flown("evaluate", env, _count(episodes), through, **kwargs, **_mode(drone_episodes))
+    keywords: dict[str, Any] = {**kwargs, **_mode(drone_episodes)}
+    if record is not None:
+        require_saveable(record)
+        if through is not None:
+            raise ValueError(f"record: expected None with through={through!r}, got {record!r}")
+        keywords["ends_stay"] = True
+    envs = make_flown("evaluate", env, _count(episodes), through, **keywords)
+    if record is not None and envs.recipe.episode.episodes == "each" and envs.drones_per_env > 1:
+        raise ValueError("record: expected None with drone_episodes='each', whose drones begin again while others fly")
     names = envs.task.info_names if isinstance(envs.task, Task) else []
-    ends = first_episodes(model, envs, "evaluate", seed)
+    capture = None if record is None else Capture(envs, num_envs=_MOST_RECORDED)
+    ends = first_episodes(model, envs, "evaluate", seed, capture=capture)
+    if capture is not None and record is not None:
+        capture.recording().save(record)
     return Evaluation(
         episodes=len(ends),
         success_rate=_mean(end["is_success"] for end in ends),
@@ -164,6 +184,7 @@ def first_episodes(
     caller: str,
     seed: int,
     watch: Callable[[Any, npt.NDArray[np.bool_]], None] | None = None,
+    capture: Capture | None = None,
 ) -> list[dict[str, Any]]:
     """Fly envs of ``make_flown`` until each row has ended an episode; return the infos of these ends, close the envs.
 
@@ -173,8 +194,13 @@ def first_episodes(
     observation, starts = envs.reset(seed=seed)[0], np.ones(envs.num_envs, bool)
     found: list[dict[str, Any] | None] = [None] * envs.num_envs
     going = np.ones(envs.num_envs, bool)
+    if capture is not None:
+        capture.add()
     while going.any():
-        observation, _, terminated, truncated, _ = envs.step(act(observation, starts))
+        actions = act(observation, starts)
+        observation, _, terminated, truncated, _ = envs.step(actions)
+        if capture is not None:
+            capture.add(actions)
         starts = terminated | truncated
         ended = np.flatnonzero(starts & going)  # later episodes do not count
         for i, end in zip(ended, stepping.ends(envs, ended, 0.0), strict=True):

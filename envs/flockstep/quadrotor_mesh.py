@@ -25,19 +25,18 @@ _TURNS = np.radians(np.arange(0, 180, 3))  # of a propeller that stands still
 _BLADE = np.array([[0.04, 0.035], [0.16, 0.08], [0.4, 0.085], [0.8, 0.055], [0.96, 0.035], [0.998, 0.012]])
 
 
-def quadrotor(drone: DroneModel, colors: Mapping[str, Rgb] = COLORS) -> list[Solid]:
-    """Return body, legs, arms, motors and propellers of a model with rotors.
+def quadrotor(drone: DroneModel, colors: Mapping[str, Rgb] = COLORS, *, propellers: bool = True) -> list[Solid]:
+    """Return body, legs, arms, motors and, unless left out, propellers of a model with rotors.
 
     The propellers stand still, turned so that the hull encloses them if it can: some hulls are narrower than the discs.
     """
-    rotors = drone.to_dict()["rotors"]
-    hubs, hull = np.asarray(rotors["position_m"], float), np.asarray(drone.hull, float)
+    hubs, spins, radius = rotors_of(drone)
     reach = float(np.linalg.norm(hubs[:, :2], axis=1).max())
-    radius = float(rotors["radius_m"]) or 0.6 * reach
+    hull = np.asarray(drone.hull, float)
     normals, offsets = _planes(hull)
     level = float(np.median(hubs[:, 2])) - 0.13 * radius  # of the arms, below the propellers
     solids = _body(0.36 * reach, level, hull[:, 2].min(), hull[:, 2].max(), 0.05 * radius, colors)
-    for hub, spin in zip(hubs, rotors["spin"], strict=True):
+    for hub, spin in zip(hubs, spins, strict=True):
         foot = hub - [0, 0, 0.13 * radius]
         middle = np.array([0.0, 0.0, level])
         if np.linalg.norm(foot - middle) > 0.1 * radius:
@@ -45,11 +44,21 @@ def quadrotor(drone: DroneModel, colors: Mapping[str, Rgb] = COLORS) -> list[Sol
         for low, high, wide in ((-0.17, -0.03, 0.12), (-0.03, 0.05, 0.045)):  # the motor, and what holds the propeller
             outline = hub[:2] + wide * radius * _polygon(16)
             solids.append(prism(outline, hub[2] + low * radius, hub[2] + high * radius, colors["arm"]))
+        if not propellers:
+            continue
         turns = [_propeller(radius, turn, spin) + hub for turn in _TURNS]
         beyond = [float((corners @ normals.T - offsets).max()) for corners in turns]
         both = np.split(turns[int(np.argmin(beyond))], 2)
         solids += [(blade, _sides(len(_BLADE) * 2), FRONT if hub[0] > 0 else colors["rear"]) for blade in both]
     return solids
+
+
+def rotors_of(drone: DroneModel) -> tuple[Floats, list[str], float]:
+    """Return places (K, 3) m, spins and the drawn radius (m) of the rotors of a model with rotors."""
+    rotors = drone.to_dict()["rotors"]
+    hubs = np.asarray(rotors["position_m"], float)
+    radius = float(rotors["radius_m"]) or 0.6 * float(np.linalg.norm(hubs[:, :2], axis=1).max())
+    return hubs, list(rotors["spin"]), radius
 
 
 def _body(size: float, level: float, low: float, high: float, gap: float, colors: Mapping[str, Rgb]) -> list[Solid]:

@@ -1,4 +1,4 @@
-"""Film a flight."""
+"""Record a flight."""
 
 from __future__ import annotations
 
@@ -15,10 +15,14 @@ from gymnasium import spaces
 from flockstep._core import NativeTask
 from flockstep.errors import refuse_masked
 from flockstep.progress_line import ProgressLine
+from flockstep.recordings import Recording
+from flockstep.recordings.recording import require_saveable
 from flockstep.registration import make_by_id
 from flockstep.stepping import BoolArray
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
+
+_FILMS = (".mp4", ".gif")
 
 #: A policy: from observations (N, ...), and a mask (N,) of those that begin an episode, to actions (N, ...).
 Act: TypeAlias = Callable[[Any, BoolArray], Any]
@@ -37,18 +41,19 @@ def record(
     quiet: bool = False,
     **kwargs: Any,
 ) -> int:
-    """Fly one env and film one episode: the first one, or the first that succeeds.
+    """Fly one env and record one episode: the first one, or the first that succeeds.
 
     The env has one drone, unless the task's default is another or you pass ``drones_per_env``. With several drones, the
     film follows the first one, and it ends when all of their episodes have ended. A policy that learned with other
     drones needs the same keywords about drones here as in its training.
 
-    Needs imageio with ffmpeg, which the extra ``film`` installs.
+    Films need imageio with ffmpeg, which the extra ``film`` installs, and ``.mcap`` the extra ``mcap``.
 
     Parameters
     ----------
     path
-        File of the film, ``.mp4`` or ``.gif``.
+        The file. ``.html``: a page that replays the flight in a browser, from any side. ``.mp4`` or ``.gif``: a film.
+        ``.mcap``: a file for `Recording`.
     policy
         A model of `flockstep.PPO`, Stable-Baselines3 or sb3-contrib, flown deterministically, or a function from
         observations to actions, which have a row for each drone. Recurrent models keep their state from step to step.
@@ -58,7 +63,7 @@ def record(
     env
         A Gymnasium id, a `Task` (an object, or its class) or a `NativeTask`.
     steps
-        Maximum number of steps in the film.
+        Maximum number of steps.
     seed
         Seed of the episode and of random actions.
     until_success
@@ -80,7 +85,7 @@ def record(
     Returns
     -------
     int
-        Number of pictures in the film.
+        Number of pictures in the film, or of moments.
 
     Raises
     ------
@@ -88,20 +93,18 @@ def record(
         None of the ``until_success`` episodes succeeds; then no film is written. Or the replay of the successful
         episode ends differently, because its task draws random numbers from a source other than ``batch.random``.
     """
-    if Path(path).suffix.lower() not in (".mp4", ".gif"):
-        raise ValueError(f"path: expected a name that ends with .mp4 or .gif, got {fspath(path)!r}")
+    is_film = Path(path).suffix.lower() in _FILMS
     if steps < 1:
         raise ValueError(f"steps: expected an integer >= 1, got {steps}")
     is_count = isinstance(until_success, (int, np.integer)) and not isinstance(until_success, bool)
     if until_success is not None and not (is_count and until_success >= 1):
         raise ValueError(f"until_success: expected None or an integer >= 1, got {until_success!r}")
-    try:
-        import imageio.v2 as imageio
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            "record needs imageio, which is not installed: pip install 'imageio[ffmpeg]' pillow", name="imageio"
-        ) from error
-    kwargs |= {"autoreset_mode": "disabled", "render_mode": "rgb_array", "render_view": render_view}
+    if is_film:
+        _imageio()  # refused before the first step
+        kwargs |= {"render_mode": "rgb_array", "render_view": render_view}
+    else:
+        require_saveable(path, _FILMS)
+    kwargs |= {"autoreset_mode": "disabled"}
     envs = DroneVectorEnv(1, task=env, **kwargs) if not isinstance(env, str) else make_by_id(env, 1, **kwargs)
     act = actions_of(policy, envs, "record", seed)
     progress = None if quiet else ProgressLine()
@@ -110,23 +113,18 @@ def record(
         act = _replaying(actions)
     observation, starts = envs.reset(seed=seed)[0], np.ones(envs.num_envs, bool)
     fps = envs.metadata["render_fps"] if fps is None else fps
-    is_gif = Path(path).suffix.lower() == ".gif"
-    # By default imageio makes both sides multiples of 16; the codec needs only even ones.
-    settings: dict[str, Any]
-    settings = {"duration": 1000 / fps, "loop": 0} if is_gif else {"fps": fps, "quality": 8, "macro_block_size": 2}
-    pictures = 0
-    film: Any  # imageio's own type for writers has no append_data
-    with imageio.get_writer(Path(path), **settings) as film:
+    moments, what = 0, "images" if is_film else "moments"
+    with _Film(path, envs, fps) if is_film else Recording.writer(path, envs) as sink:
         for step in range(steps + 1):
+            chosen = None
             if step > 0:
-                observation, _, terminated, truncated, _ = envs.step(act(observation, starts))
+                chosen = act(observation, starts)
+                observation, _, terminated, truncated, _ = envs.step(chosen)
                 starts = np.zeros_like(starts)
-            frames = envs.render()
-            assert frames is not None
-            film.append_data(frames[0])
-            pictures += 1
+            sink.add(chosen)
+            moments += 1
             if progress is not None and progress.is_due:
-                progress.show(f"{fspath(path)}: {pictures} of at most {steps + 1} images, {progress.seconds:.0f} s")
+                progress.show(f"{fspath(path)}: {moments} of at most {steps + 1} {what}, {progress.seconds:.0f} s")
             if step > 0 and (terminated | truncated).all():
                 break
     if until_success is not None and not envs.batch.success.all():
@@ -136,8 +134,41 @@ def record(
         )
     envs.close()
     if progress is not None:
-        progress.show(f"{fspath(path)}: {pictures} images, {progress.seconds:.0f} s", is_last=True)
-    return pictures
+        progress.show(f"{fspath(path)}: {moments} {what}, {progress.seconds:.0f} s", is_last=True)
+    return moments
+
+
+class _Film:
+    """Writes the pictures of the first env."""
+
+    def __init__(self, path: str | PathLike[str], envs: DroneVectorEnv, fps: float) -> None:
+        # By default imageio makes both sides multiples of 16; the codec needs only even ones.
+        is_gif = Path(path).suffix.lower() == ".gif"
+        settings: dict[str, Any]
+        settings = {"duration": 1000 / fps, "loop": 0} if is_gif else {"fps": fps, "quality": 8, "macro_block_size": 2}
+        self._envs = envs
+        self._film: Any = _imageio().get_writer(Path(path), **settings)  # its own type for writers has no append_data
+
+    def add(self, actions: Any) -> None:
+        frames = self._envs.render()
+        assert frames is not None
+        self._film.append_data(frames[0])
+
+    def __enter__(self) -> _Film:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._film.close()
+
+
+def _imageio() -> Any:
+    try:
+        import imageio.v2 as imageio
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            "record needs imageio, which is not installed: pip install 'imageio[ffmpeg]' pillow", name="imageio"
+        ) from error
+    return imageio
 
 
 def _succeeding(

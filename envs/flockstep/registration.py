@@ -66,9 +66,16 @@ def make_by_id(env_id: str, num_envs: int, **keywords: Any) -> DroneVectorEnv:
 
 
 def make_same_step(
-    caller: str, env: str | Task | type[Task] | NativeTask, num_envs: int, **keywords: Any
+    caller: str,
+    env: str | Task | type[Task] | NativeTask,
+    num_envs: int,
+    *,
+    ends_stay: bool = False,
+    **keywords: Any,
 ) -> DroneVectorEnv:
     """Make an env by its id or from a task, with same-step autoreset and without copies.
+
+    With ``ends_stay`` envs stay where their episodes end instead, until they are reset.
 
     Raises
     ------
@@ -78,7 +85,7 @@ def make_same_step(
     own = [name for name in ("autoreset_mode", "copy") if name in keywords]
     if own:
         raise TypeError(f"{caller}: {' and '.join(own)} cannot be chosen: it needs same-step autoreset")
-    keywords |= {"autoreset_mode": "same_step", "copy": False}
+    keywords |= {"autoreset_mode": "disabled" if ends_stay else "same_step", "copy": False}
     if isinstance(env, str):
         return make_by_id(env, num_envs, **keywords)
     return DroneVectorEnv(num_envs, task=env, **keywords)

@@ -233,7 +233,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         view = words.get("view", "top") if render_view is None else render_view
         shown = choice.choose(view, render_size, render_camera, render_style, render_samples, render_beams)
         self._recipe = recipe
-        self.copy = copy
+        self.copy, self._drone_mesh = copy, drone_mesh
         self.drones_per_env = recipe.drones_per_env
         self.lidars, self.cameras = recipe.lidars, recipe.cameras
         self.lidar = self.lidars[0] if self.lidars else None

@@ -22,12 +22,16 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import numpy.typing as npt
 
 from flockstep._core import Batch
 from flockstep.bridges.ros_messages import Message, cloud, definition, stamp_of, transform_of, xyz, xyzw
 from flockstep.bridges.source import BatchSource, ClientSource, Kind, Source
 from flockstep.errors import did_you_mean
 from flockstep.recording import actions_of
+from flockstep.recordings.capture import actions_in, contents_of
+from flockstep.recordings.mcap_files import ArrayChannels
+from flockstep.recordings.moment import Moments
 from flockstep.registration import make_by_id
 from flockstep.rotations import rotate
 from flockstep.serving import TOKEN_VARIABLE
@@ -79,6 +83,8 @@ class McapRecorder:
     source
         A `Batch` or `DroneVectorEnv`, whose first env is recorded, or a `Source` such as `BatchSource` or
         `ClientSource`.
+    arrays
+        Also write all arrays of a `DroneVectorEnv`, for `flockstep.Recording`: topics ``/flockstep/...``.
     rates_hz
         Messages per second of simulated time, by the name of a sensor, or ``"pose"`` for /tf and odom. Others are
         written at every write. A rate above that of the writes has no effect.
@@ -92,12 +98,15 @@ class McapRecorder:
         source: Batch | DroneVectorEnv | Source,
         *,
         rates_hz: Mapping[str, float] | None = None,
+        arrays: bool = False,
         chunk_bytes: int = 256 * 1024,
     ) -> None:
         if Path(path).suffix != ".mcap":
             raise ValueError(f"path: expected a name that ends with .mcap, got {fspath(path)!r}")
         if isinstance(chunk_bytes, bool) or not isinstance(chunk_bytes, int) or chunk_bytes < 1:
             raise ValueError(f"chunk_bytes: expected an integer >= 1, got {chunk_bytes!r}")
+        if arrays and not isinstance(source, DroneVectorEnv):
+            raise TypeError(f"source: expected a DroneVectorEnv for arrays=True, got {source!r}")
         batch = source.batch if isinstance(source, DroneVectorEnv) else source
         self.source: Source = BatchSource(batch) if isinstance(batch, Batch) else batch
         if not isinstance(self.source, Source):
@@ -124,9 +133,15 @@ class McapRecorder:
         self._writer: Any = Writer(self._stream, chunk_size=chunk_bytes)
         self._schemas: dict[str, Any] = {}
         self._drones: list[str] | None = None  # of the latest /tf_static
+        self._envs = source if arrays and isinstance(source, DroneVectorEnv) else None
+        if self._envs is not None:
+            self._moments = Moments(self._envs.batch)
+            self._arrays = ArrayChannels(self._writer._writer, contents_of(self._envs, self._moments))
 
-    def write(self) -> None:
+    def write(self, actions: npt.ArrayLike | None = None) -> None:
         """Write the current state and the messages that are due; nothing if no time has passed since the last write.
+
+        ``actions``, which led to this state, are one of the arrays.
 
         If writing fails or Ctrl-C interrupts it, the file ends as if the program had been killed.
 
@@ -150,6 +165,10 @@ class McapRecorder:
         due = {name: period for name, period in due.items() if period != self._periods.get(name)}
         messages = list(self._messages(due, stamp_of(stamp_ns)))  # all of them before the first is written
         try:
+            if self._envs is not None:
+                values, images = self._moments.now()
+                values["actions"] = actions_in(self._envs, self._moments.rows, actions)
+                self._arrays.write(stamp_ns, values, images)
             for topic, kind, message in messages:
                 self._writer.write_message(topic, self._schema(kind, topic), message, stamp_ns)
             self._stream.flush()
@@ -346,14 +365,15 @@ def _record_env(arguments: argparse.Namespace, rates: Mapping[str, float]) -> No
     observation, _ = envs.reset(seed=seed)
     starts, ended = np.ones(envs.num_envs, bool), np.zeros(envs.num_envs, bool)
     source = BatchSource(envs.batch)
-    with McapRecorder(arguments.path, source, rates_hz=rates) as recorder:
+    with McapRecorder(arguments.path, envs, rates_hz=rates, arrays=True) as recorder:
         recorder.write()
         steps = 0
         stopped = _stopped_by_ctrl_c()
         while not stopped.is_set() and source.time_s() < seconds - 1e-9:
-            observation, _, terminated, truncated, _ = envs.step(act(observation, starts))
+            actions = act(observation, starts)
+            observation, _, terminated, truncated, _ = envs.step(actions)
             starts, ended = ended, terminated | truncated  # with next-step autoreset the next step begins the episode
-            recorder.write()
+            recorder.write(actions)
             steps += 1
     print(
         f"{arguments.path}: {steps} steps of {', '.join(source.drones)}, sensors {', '.join(source.sensors) or 'none'}"

@@ -166,6 +166,7 @@ def test_a_wheel_with_what_opencv_would_bring_is_refused(wheel, tmp_path, monkey
             for name in (
                 "flockstep/scenes/room.json",
                 "flockstep/policies/race.zip",
+                "flockstep/viewer/page.html",
                 licence,
                 *(f"flockstep.libs/{name}" for name in libraries),
             ):

@@ -225,7 +225,7 @@ stepped(info_names=("success",))
 evaluate(None, Still, episodes=0, worlds=HOME)
   ValueError: episodes: expected an integer >= 1, got 0
 record("flight.avi")
-  ValueError: path: expected a name that ends with .mp4 or .gif, got 'flight.avi'
+  ValueError: path: expected a name that ends with one of .html, .mcap, .mp4, .gif, got 'flight.avi'
 record("flight.gif", policy="policy.zip")
   TypeError: policy: expected a model with predict, a function or None, got 'policy.zip': load it first, as by
   PPO.load(path); that runs code from the file: load only policies you trust

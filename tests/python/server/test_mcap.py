@@ -1,7 +1,6 @@
 """MCAP files with ROS 2 messages, read by rosbags, which has its own reader and message definitions."""
 
 import io
-import re
 import signal
 import subprocess
 import sys
@@ -9,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import ROOT, begun, placed
+from conftest import begun, placed
 from mcap.exceptions import McapError
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
@@ -472,20 +471,23 @@ class TestCutFiles:
         assert written - 20 <= len(stamps) <= written + 2  # a chunk of 50 kB holds about 11 steps
         assert stamps == {100_000_000 * (step + 1) for step in range(len(stamps))}
 
-    def test_the_documented_reader_reads_a_file_that_was_cut_anywhere(self, tmp_path, monkeypatch):
-        page = (ROOT / "docs" / "how-to" / "connect" / "mcap.md").read_text()
-        block = next(block for block in re.findall(r"```python\n(.*?)```", page, re.S) if "StreamReader" in block)
-        (head, tail) = block.split('with open("flight.mcap", "rb+")')
-        reader = tail[tail.index("messages = []") : tail.index("print(")]
-        names = {}
-        monkeypatch.chdir(tmp_path)
-        exec(head, names)  # makes the file
-        whole = (tmp_path / "flight.mcap").read_bytes()
+    def test_recordings_are_read_up_to_anywhere(self, tmp_path):
+        path = tmp_path / "a.mcap"
+        envs = begun(worlds="playground/train-1", lidar=flockstep.LidarConfig(beams=64))
+        seen = []
+        with McapRecorder(path, envs, arrays=True, chunk_bytes=20_000) as recorder:
+            for _ in range(60):
+                actions = envs.action_space.sample()
+                envs.step(actions)
+                recorder.write(actions)
+                seen.append(envs.batch.position.copy())
+        whole = path.read_bytes()
         counts = []
         for size in range(len(whole) // 2, len(whole), max(1, len(whole) // 61)):
-            (tmp_path / "flight.mcap").write_bytes(whole[:size])
-            exec(reader, names)
-            counts.append(len(names["messages"]))
+            path.write_bytes(whole[:size])
+            position = flockstep.Recording(path)["position"]
+            np.testing.assert_array_equal(position, seen[: len(position)])
+            counts.append(len(position))
         assert len(counts) > 20
         assert counts == sorted(counts)
-        assert counts[0] > 10
+        assert 10 < counts[0] < counts[-1] <= 60

@@ -1,0 +1,96 @@
+"""Record envs while a program flies them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode
+
+from flockstep._core import World
+from flockstep.drone_mesh import DroneMesh
+from flockstep.recordings.moment import Array, Moments
+from flockstep.recordings.recording import Contents, Recording
+from flockstep.task import Task
+from flockstep.vector_env import DroneVectorEnv
+
+
+class Capture:
+    """Collects a `Recording` from envs: call `add` after the reset and after each step.
+
+    Parameters
+    ----------
+    envs
+        The envs, which were reset.
+    title
+        Title of the recording. Default: the name of the task.
+    num_envs
+        Record only the first envs. None: all.
+    """
+
+    def __init__(self, envs: DroneVectorEnv, *, title: str | None = None, num_envs: int | None = None) -> None:
+        self._envs = envs
+        self._moments = Moments(envs.batch, num_envs)
+        self._contents = contents_of(envs, self._moments, title)
+        self._steps: list[dict[str, Array]] = []
+        self._images: dict[str, list[bytes]] = {}
+        self._step_s = envs.recipe.episode.frame_skip / envs.batch.clock.policy_hz
+
+    def add(self, actions: npt.ArrayLike | None = None) -> None:
+        """Add the present moment, with the actions that led to it."""
+        arrays, images = self._moments.now()
+        for name, files in images.items():
+            self._images.setdefault(name, []).extend(files)
+        arrays["actions"] = actions_in(self._envs, self._moments.rows, actions)
+        self._steps.append(arrays)
+
+    def recording(self) -> Recording:
+        """Return what was added so far."""
+        if not self._steps:
+            raise RuntimeError("the capture is empty: call add after the reset and after each step")
+        return Recording._of(
+            replace(
+                self._contents,
+                arrays={name: np.stack([step[name] for step in self._steps]) for name in self._steps[0]},
+                images={name: list(files) for name, files in self._images.items()},
+                times_s=np.arange(len(self._steps)) * self._step_s,
+            )
+        )
+
+
+def contents_of(envs: DroneVectorEnv, moments: Moments, title: str | None = None) -> Contents:
+    """Return all that a recording of envs holds beside its moments. Worlds and bodies appear in it as they are seen."""
+    mesh = envs._drone_mesh
+    return Contents(
+        arrays={},
+        images={},
+        settings=moments.settings(),
+        worlds=moments.worlds,
+        bodies=moments.bodies,
+        drone=envs.batch.drone,
+        look=DroneMesh._of_world(mesh) if isinstance(mesh, World) else mesh,
+        recipe=envs.recipe.to_json(),
+        times_s=np.zeros(0),
+        title=title_of(envs) if title is None else title,
+        repeats_ends=envs.autoreset_mode is AutoresetMode.DISABLED,
+        units={name: array.unit for name, array in moments.arrays.items()},
+    )
+
+
+def actions_in(envs: DroneVectorEnv, rows: int, actions: npt.ArrayLike | None) -> Array:
+    """Return the actions (R, k) float32 of the first rows, NaN if there are none."""
+    space = envs.single_action_space
+    width = int(np.prod(space.shape or (1,)))
+    if actions is None:
+        return np.full((rows, width), np.nan, np.float32)
+    return np.asarray(actions, np.float32).reshape(envs.num_envs, width)[:rows]
+
+
+def title_of(envs: DroneVectorEnv) -> str:
+    """Return the name of the envs' task."""
+    if envs.spec is not None and isinstance(envs.spec.id, str):
+        return envs.spec.id.removeprefix("flockstep/")
+    if isinstance(envs.task, Task):
+        return type(envs.task).__name__
+    return type(envs.task).__name__.removesuffix("Config") if envs.task is not None else "Navigation"

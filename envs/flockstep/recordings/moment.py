@@ -1,0 +1,163 @@
+"""Reads a batch for a recording, by the names of the engine's list of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from flockstep._core import Batch, BodyConfig, World
+
+Array: TypeAlias = npt.NDArray[Any]
+
+#: Never part of a recording: settings, counters of the whole program, and what other arrays contain.
+_LEFT_OUT = ("params", "move_line_visible", "beams_visible", "bad_states", "episode_terms", "flying")
+_JPEG_QUALITY = 85
+
+
+class Described(NamedTuple):
+    """One array of a recording."""
+
+    unit: str
+    read: Callable[[], Array]
+
+
+class Moments:
+    """Reads a batch step by step.
+
+    Parameters
+    ----------
+    batch
+        The batch.
+    envs
+        Only the first envs are read. None: all.
+    """
+
+    def __init__(self, batch: Batch, envs: int | None = None) -> None:
+        self.batch = batch
+        self.envs = batch.num_envs if envs is None else min(envs, batch.num_envs)
+        self.drones = self.envs * batch.drones_per_env
+        self.rows = self._rows()
+        self.arrays = self._readers()
+        #: Worlds by their `world_index`, and looks of moving objects by env and slot, as far as they have been seen.
+        self.worlds: dict[int, World] = {}
+        self.bodies: dict[tuple[int, int], World] = {}
+        self._invisible: set[tuple[int, int]] = set()
+        self._cameras = [camera.name for camera in batch.cameras if {"rgb", "grey"} & set(camera.outputs)]
+        self._frames = {name: np.full(self.drones, -1, np.int64) for name in self._cameras}
+        self._image = {name: np.full(self.drones, -1, np.int32) for name in self._cameras}
+        self._images = dict.fromkeys(self._cameras, 0)
+
+    def _rows(self) -> int:
+        try:
+            return self.envs if self.batch.spec.row == "env" else self.drones
+        except (AttributeError, RuntimeError):  # a batch without a task
+            return 0
+
+    def _readers(self) -> dict[str, Described]:
+        batch, found = self.batch, dict[str, Described]()
+        counts = {"N": self.drones, "E": self.envs, "R": self.rows}
+        for prefix, owner in (("", batch), ("contact.", batch.contact), ("bodies.", batch.bodies)):
+            for array in getattr(owner, "_arrays"):  # noqa: B009 # the list of arrays is not in the stub
+                name = array["name"]
+                if name in _LEFT_OUT or (prefix == "bodies." and len(batch.bodies) == 0):
+                    continue
+                try:
+                    size = getattr(owner, name).size
+                except (AttributeError, RuntimeError):  # kinematic motion has no velocities, a mere batch no rewards
+                    continue
+                if size:
+                    read = _reader(owner, name, counts[array["shape"][1]])
+                    found[prefix + name] = Described(array["unit"], read)
+        for lidar in batch.lidars:
+            read = _ranges_of(batch, lidar.name, self.drones)
+            found[f"lidar.{lidar.name}.ranges"] = Described("m", read)
+        return found
+
+    def settings(self) -> dict[str, Any]:
+        """Return the sensors' settings and the names of reward terms, as JSON values."""
+        batch = self.batch
+        lidars, cameras = [], []
+        for lidar in batch.lidars:
+            directions = np.asarray(batch.lidar(lidar.name).directions[: self.drones], np.float32)
+            directions = directions.reshape(self.drones, -1, 3)
+            if (directions == directions[0]).all():
+                directions = directions[:1]
+            kept = {"directions": directions.tolist(), "offset_m": list(lidar.offset_m)}
+            lidars.append({"name": lidar.name, "reach_m": lidar.max_range_m, **kept})
+        for camera in batch.cameras:
+            tangents = [camera.width_px / 2 / camera.fx, camera.height_px / 2 / camera.fy]  # of half the fields of view
+            kept = {"offset_m": list(camera.offset_m), "quat_wxyz": list(camera.quat_wxyz), "tangents": tangents}
+            cameras.append({"name": camera.name, **kept})
+        terms = list(batch.spec.reward_terms) if self.rows else []
+        counts = {"num_envs": self.envs, "per_env": batch.drones_per_env, "rows": self.rows}
+        return {**counts, "scanners": lidars, "cameras": cameras, "reward_terms": terms}
+
+    def now(self) -> tuple[dict[str, Array], dict[str, list[bytes]]]:
+        """Return the arrays, and by camera the new images as JPEG files, to which ``camera.NAME.image`` counts."""
+        for env in range(self.envs):
+            self._see_world_and_bodies(env)
+        arrays = {name: array.read() for name, array in self.arrays.items()}
+        images: dict[str, list[bytes]] = {}
+        for name in self._cameras:
+            camera = self.batch.camera(name)
+            frame = np.array(camera.frame_step[: self.drones])
+            new = np.flatnonzero((frame != self._frames[name]) & (frame >= 0))
+            images[name] = [camera.jpeg(int(drone), _JPEG_QUALITY) for drone in new]
+            self._image[name][new] = self._images[name] + np.arange(len(new))
+            self._image[name][frame < 0] = -1
+            self._images[name] += len(new)
+            self._frames[name] = frame
+            arrays[f"camera.{name}.image"] = self._image[name].copy()
+        return arrays, images
+
+    def _see_world_and_bodies(self, env: int) -> None:
+        index = int(self.batch.world_index[env])
+        if index not in self.worlds:
+            self.worlds[index] = self.batch.world_of(env * self.batch.drones_per_env)
+        for body in np.flatnonzero(self.batch.bodies.active[env]) if len(self.batch.bodies) else ():
+            place = (env, int(body))
+            if place in self.bodies or place in self._invisible:
+                continue
+            config = self.batch.bodies.config(*place)
+            look = None if config is None else look_of(config)
+            if look is None:
+                self._invisible.add(place)
+            else:
+                self.bodies[place] = look
+
+
+def _reader(owner: Any, name: str, count: int) -> Callable[[], Array]:
+    return lambda: np.array(getattr(owner, name)[:count])
+
+
+def _ranges_of(batch: Batch, name: str, drones: int) -> Callable[[], Array]:
+    def read() -> Array:
+        lidar = batch.lidar(name)
+        try:
+            return np.array(lidar.ranges[:drones]).reshape(drones, -1)
+        except RuntimeError:  # no scan yet
+            return np.full((drones, lidar.config.channels * lidar.config.beams), np.inf, np.float32)
+
+    return read
+
+
+def look_of(body: BodyConfig) -> World | None:
+    """Return the look of a moving object around its own origin, or None if it is invisible."""
+    if body.visibility == "solid":
+        return None
+    if body.shape == "mesh":
+        return body.mesh
+    x, y, z = (float(size) for size in body.size_m)
+    round_size: dict[str, Any] = {"radius": x / 2} if body.shape == "sphere" else {"radius": x / 2, "height": z}
+    kind = {"box": "boxes", "sphere": "spheres", "cylinder": "cylinders", "capsule": "capsules"}[body.shape]
+    size = {"size": [x, y, z]} if body.shape == "box" else round_size
+    scene = {
+        "flockstep_scene": 1,
+        "name": body.name,
+        "materials": {"body": {"base_color": [float(part) for part in body.color]}},
+        kind: [{"center": [0, 0, 0], **size, "material": "body"}],
+    }
+    return World.from_dict(scene)

@@ -1,0 +1,283 @@
+"""Recordings: what they hold, files that are cut short or hostile, and pages as text."""
+
+import base64
+import gzip
+import json
+import random
+import struct
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+from messages import refused
+from simple_tasks import Still
+
+import flockstep
+from flockstep.recordings import Capture, Recording
+from flockstep.viewer import page
+
+needs_page = pytest.mark.skipif(not page.is_built(), reason="no page for replays: this build had no Node.js")
+
+
+def flown(steps=30, num_envs=2, seed=0, **keywords):
+    """Envs that were flown at random, their recording, and the arrays after each step."""
+    keywords = {"worlds": "playground/train-1", "autoreset_mode": "disabled", **keywords}
+    envs = flockstep.DroneVectorEnv(num_envs, **keywords)
+    envs.action_space.seed(seed)
+    envs.reset(seed=seed)
+    capture = Capture(envs)
+    capture.add()
+    seen = [envs.batch.position.copy()]
+    for _ in range(steps):
+        actions = envs.action_space.sample()
+        envs.step(actions)
+        capture.add(actions)
+        seen.append(envs.batch.position.copy())
+    return envs, capture.recording(), np.array(seen)
+
+
+@pytest.fixture(scope="module")
+def varied():
+    """A recording with scans, images, moving objects and rotors."""
+    camera = flockstep.CameraConfig(name="front", width_px=16, height_px=12, rate_hz=5)
+    bodies = [flockstep.BodyConfig(name=shape, shape=shape, position_m=(3, 3, 2)) for shape in ("box", "sphere")]
+    imu = flockstep.ImuConfig()
+    task = flockstep.HoverConfig()
+    lidar = flockstep.LidarConfig(channels=2, beams=9, vfov_deg=20, max_range_m=6)
+    return flown(task=task, camera=camera, bodies=bodies, lidar=lidar, imu=imu, policy_hz=50)
+
+
+def header_of(text):
+    """The header in the first flight of a page."""
+    data = gzip.decompress(base64.b64decode(text.split('<script type="application/gzip">')[1].split("<")[0]))
+    return json.loads(data[4 : 4 + struct.unpack("<I", data[:4])[0]]), data
+
+
+def test_a_recording_holds_what_the_batch_showed(varied):
+    envs, recording, seen = varied
+    np.testing.assert_array_equal(recording["position"], seen)
+    np.testing.assert_array_equal(recording["lidar.lidar.ranges"][-1], envs.batch.lidar().ranges.reshape(2, -1))
+    np.testing.assert_array_equal(recording["rotor_speed"][-1], envs.batch.rotor_speed)
+    np.testing.assert_array_equal(recording["reward_terms"][-1], envs.batch.reward_terms)
+    np.testing.assert_array_equal(recording["bodies.position"][-1], envs.batch.bodies.position)
+    np.testing.assert_allclose(recording.times_s, np.arange(31) / 50)
+    assert recording.reward_terms == envs.batch.spec.reward_terms
+    assert np.isnan(recording["actions"][0]).all()
+    assert np.isfinite(recording["actions"][1:]).all()
+    assert flockstep.Recipe.from_json(recording.recipe).to_json() == envs.recipe.to_json()
+
+
+def test_images_are_kept_once(varied):
+    envs, recording, _ = varied
+    index = recording["camera.front.image"]
+    assert len(recording.images["front"]) == len(np.unique(index)) == 2 * 4  # 5 Hz for 0.6 s, and the first
+    assert recording.images["front"][index[-1, 1]] == envs.batch.camera().jpeg(1, 85)
+
+
+def test_files_give_back_every_array(varied, tmp_path):
+    _, recording, _ = varied
+    recording.save(tmp_path / "flight.mcap")
+    read = flockstep.Recording(tmp_path / "flight.mcap")
+    assert sorted(read.names) == sorted(recording.names)
+    for name in recording.names:
+        np.testing.assert_array_equal(read[name], recording[name])
+        assert read[name].dtype == recording[name].dtype
+    assert (read.images, read.ends, read.title) == (recording.images, recording.ends, recording.title)
+    assert [world.to_glb() for world in read.worlds.values()] == [w.to_glb() for w in recording.worlds.values()]
+
+
+def test_a_file_that_is_cut_short_is_read_up_to_its_end(tmp_path):
+    _, recording, _ = flown(steps=300, num_envs=4)
+    recording.save(tmp_path / "flight.mcap")
+    whole = (tmp_path / "flight.mcap").read_bytes()
+    lengths = []
+    for cut in (0.2, 0.5, 0.8, 0.99):
+        (tmp_path / "cut.mcap").write_bytes(whole[: int(cut * len(whole))])
+        try:
+            read = Recording(tmp_path / "cut.mcap")
+        except ValueError:  # no moment is whole
+            lengths.append(0)
+            continue
+        lengths.append(len(read))
+        for name in read.names:
+            np.testing.assert_array_equal(read[name], recording[name][: len(read)])
+    assert lengths == sorted(lengths)
+    assert lengths[-1] > 150
+
+
+def test_random_damage_is_refused_or_harmless(varied, tmp_path):
+    _, recording, _ = varied
+    recording.save(tmp_path / "flight.mcap")
+    whole = bytearray((tmp_path / "flight.mcap").read_bytes())
+    chance = random.Random(0)
+    refusals = 0
+    for _ in range(150):
+        damaged = bytearray(whole)
+        for _ in range(chance.choice((1, 4, 30))):
+            damaged[chance.randrange(8, len(damaged))] = chance.randrange(256)
+        (tmp_path / "damaged.mcap").write_bytes(damaged)
+        try:
+            assert len(Recording(tmp_path / "damaged.mcap")) <= len(recording)
+        except ValueError:
+            refusals += 1
+    assert refusals > 5
+
+
+def test_a_file_that_would_fill_the_memory_is_refused(varied, tmp_path, monkeypatch):
+    _, recording, _ = varied
+    recording.save(tmp_path / "flight.mcap")
+    with open(tmp_path / "bomb.mcap", "wb") as stream:
+        writer = Writer(stream, chunk_size=1 << 24)
+        writer.start()
+        channel = writer.register_channel(
+            "/flockstep/position", "flockstep", writer.register_schema("a", "flockstep", b"{}")
+        )
+        for moment in range(64):
+            writer.add_message(channel, moment, bytes(1 << 24), moment)
+        writer.finish()
+    assert (tmp_path / "bomb.mcap").stat().st_size < 1 << 20
+    with refused(ValueError, "path", "500-fold"):
+        Recording(tmp_path / "bomb.mcap")
+
+
+def test_other_files_are_refused(tmp_path):
+    for name, content in (("empty", b""), ("text", b"no recording" * 100)):
+        (tmp_path / f"{name}.mcap").write_bytes(content)
+        with refused(ValueError, "path", "flockstep", "another file"):
+            Recording(tmp_path / f"{name}.mcap")
+    with refused(ValueError, "path", ".mcap", "flight.html"):
+        Recording("flight.html")
+    with pytest.raises(FileNotFoundError):
+        Recording(tmp_path / "none.mcap")
+
+
+def test_ends_say_why(closet, tmp_path):
+    _, recording, _ = flown(steps=250, num_envs=3, worlds=closet)
+    assert [end.reason.name for end in recording.ends] == ["contact"] * 3
+    for end in recording.ends:
+        assert recording["terminated"][end.moment, end.row]
+        assert not recording["terminated"][end.moment - 1, end.row]
+        assert recording["contact.hit"][end.moment, end.row]
+        assert end.episode_length == end.moment
+
+
+@pytest.mark.parametrize("mode", ["next_step", "same_step"])
+def test_ends_are_counted_once_with_every_autoreset_mode(mode, closet):
+    _, recording, _ = flown(steps=300, num_envs=2, worlds=closet, autoreset_mode=mode)
+    episodes = recording["episode"][-1] + (recording["terminated"][-1] if mode == "next_step" else 0)
+    counts = np.bincount([end.row for end in recording.ends], minlength=2)
+    np.testing.assert_array_equal(counts, episodes)
+    assert counts.min() > 1
+
+
+def test_an_evaluation_is_the_same_when_it_is_recorded(room, tmp_path):
+    plain = flockstep.evaluate(None, episodes=5, worlds=room, seed=3, max_episode_steps=50)
+    kept = flockstep.evaluate(None, episodes=5, worlds=room, seed=3, max_episode_steps=50, record=tmp_path / "e.mcap")
+    assert plain == kept
+    recording = Recording(tmp_path / "e.mcap")
+    assert recording.num_envs == 5
+    assert np.mean([end.episode_return for end in recording.ends]) == pytest.approx(plain.episode_return)
+    shares = {reason: share for reason, share in plain.ends.items() if share}
+    assert {end.reason.name for end in recording.ends} == set(shares)
+
+
+def test_flights_that_an_evaluation_cannot_record(room, tmp_path):
+    keywords = {"worlds": room, "drones_per_env": 2, "drone_episodes": "each", "record": tmp_path / "e.mcap"}
+    with refused(ValueError, "record", "None", "each"):
+        flockstep.evaluate(None, "flockstep/Hover-v0", 2, **keywords)
+    with refused(ValueError, "record", "None", "betaflight", "e.mcap"):
+        flockstep.evaluate(None, "flockstep/Hover-v0", 2, through="betaflight", record=tmp_path / "e.mcap")
+
+
+def test_record_writes_a_file_step_by_step_with_ros_messages(room, tmp_path):
+    count = flockstep.record(tmp_path / "flight.mcap", worlds=room, steps=12, quiet=True)
+    recording = Recording(tmp_path / "flight.mcap")
+    assert count == len(recording) == 13
+    np.testing.assert_allclose(recording.times_s, np.arange(13) / 10, atol=1e-9)
+    content = (tmp_path / "flight.mcap").read_bytes()
+    assert b"sensor_msgs/msg/PointCloud2" in content
+    assert b"/flockstep/position" in content
+
+
+@needs_page
+def test_a_page_is_the_same_from_memory_and_from_a_file(varied, tmp_path):
+    _, recording, _ = varied
+    recording.save(tmp_path / "flight.mcap")
+    text = page.page([recording])
+    assert text == page.page([Recording(tmp_path / "flight.mcap")])
+    header, _ = header_of(text)
+    assert header["steps"] == 31
+    assert {body["name"] for body in header["bodies"]} == {"box", "sphere"}
+
+
+@needs_page
+def test_a_page_holds_positions_bit_by_bit_and_ranges_to_a_hundred_thousandth(varied):
+    _, recording, _ = varied
+    header, data = header_of(page.page([recording]))
+    begin = -(-(4 + struct.unpack("<I", data[:4])[0]) // 8) * 8
+    arrays = {array["name"]: array for array in header["arrays"]}
+
+    def values(name, dtype):
+        array = arrays[name]
+        return np.frombuffer(data, dtype, int(np.prod(array["shape"])), begin + array["at"]).reshape(array["shape"])
+
+    np.testing.assert_array_equal(values("position", "<f4"), recording["position"])
+    ranges = recording["lidar.lidar.ranges"]
+    numbers = values("lidar.lidar.ranges", "<u2")
+    is_hit = np.isfinite(ranges)
+    np.testing.assert_array_equal(numbers != 65535, is_hit)
+    shown = numbers[is_hit] * arrays["lidar.lidar.ranges"]["scale"]
+    np.testing.assert_allclose(shown, ranges[is_hit], atol=6 * 1e-5)
+
+
+@needs_page
+def test_names_never_become_markup(varied):
+    _, recording, _ = varied
+    recording.title = '</script><script>alert("x")</script><!-- flights -->'
+    text = page.page([recording])
+    assert "alert(" not in text
+    assert header_of(text)[0]["title"] == recording.title
+
+
+@needs_page
+def test_the_page_is_small_and_connects_to_nothing():
+    text = page.template()
+    assert len(gzip.compress(text.encode())) < 1_000_000
+    policy = text.split('Content-Security-Policy" content="')[1].split('"')[0]
+    assert policy.startswith("default-src 'none'; script-src 'sha256-")
+    assert "unsafe" not in policy
+    assert "connect-src" not in policy
+    assert "<script src" not in text
+
+
+@needs_page
+def test_a_notebook_gets_the_page_in_a_frame(varied, monkeypatch):
+    shown = []
+    module = type("display", (), {"HTML": staticmethod(shown.append)})
+    monkeypatch.setitem(__import__("sys").modules, "IPython", type("IPython", (), {"display": module}))
+    monkeypatch.setitem(__import__("sys").modules, "IPython.display", module)
+    _, recording, _ = varied
+    flockstep.show(recording, recording, height=300)
+    assert shown[0].startswith('<iframe srcdoc="&lt;!doctype html&gt;')
+    assert shown[0].count("application/gzip") >= 2
+    with refused(ValueError, "recordings", "one or two", "3"):
+        flockstep.show(recording, recording, recording)
+
+
+def test_a_build_without_a_page_says_so(varied, monkeypatch, tmp_path):
+    _, recording, _ = varied
+    monkeypatch.setattr(page, "_TEMPLATE", tmp_path / "page.html")
+    with refused(FileNotFoundError, "page.html", "./dev viewer"):
+        recording.save(tmp_path / "flight.html")
+    with refused(FileNotFoundError, "page.html", "./dev viewer"):
+        flockstep.record(tmp_path / "flight.html", env=Still)
+    assert not (tmp_path / "flight.html").exists()
+
+
+def test_captures_need_a_moment():
+    envs = flockstep.DroneVectorEnv(1, worlds="playground/train-1")
+    envs.reset(seed=0)
+    with refused(RuntimeError, "capture", "empty"):
+        Capture(envs).recording()
+    with refused(ValueError, "path", ".html", ".mcap", "flight.mp4"):
+        flockstep.Recording.writer("flight.mp4", envs)
