@@ -40,7 +40,8 @@ struct WindConfig {
         field("gust_time_s", &C::gust_time_s,
               {.about = "Time in which a gust falls to 1/e, for ``\"ornstein_uhlenbeck\"``.", .unit = "s", .limits = above(0)}),
         field("wind_at_6m_mps", &C::wind_at_6m_mps,
-              {.about = "For ``\"dryden\"``: wind at 6.1 m (20 ft) above the ground. A tenth is the standard deviation upwards.",
+              {.about = "For ``\"dryden\"``: wind at 6.1 m (20 ft) above the ground. A tenth of it is the standard deviation of "
+                        "vertical gusts.",
                .unit = "m/s",
                .limits = between(0, 1000)}),
         field("height_m", &C::height_m,

@@ -1,9 +1,9 @@
 // Traces tiles of rays against triangles. The work that rays of one origin share is done once for all of them.
 //
 // A ray of a tile is (1, u, v) in the tile's frame, so the tile is a picture. In that frame a triangle becomes three edges and
-// a depth, all linear in u and v. A test is therefore only multiplications and additions on whole vectors of rays. A tile
-// traverses the tree once, nearest nodes first. It skips boxes outside the tile and boxes beyond the farthest hit of its rays.
-// Its sub-tiles of 4 x 4 rays skip boxes by the same tests.
+// an inverse depth, all linear in u and v. A test is therefore only multiplications and additions on whole vectors of rays. A
+// tile traverses the tree once, nearest nodes first. It skips boxes outside the tile and boxes beyond the farthest hit of its
+// rays. Its sub-tiles of 4 x 4 rays skip boxes by the same tests.
 //
 // A ray's result has the same bits on every target and beside any other rays. It depends only on the frame, the origin, the ray
 // and the triangles:

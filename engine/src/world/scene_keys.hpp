@@ -146,7 +146,7 @@ struct Pillar : Solid {
 
   static constexpr auto fields() {
     return field_list(field("center", &Pillar::xy, metres("x, y.", kCoordinates)), kRadius,
-                      field("z", &Pillar::z, metres("Low and high end; those of the room if left out.", kCoordinates)), kMaterial,
+                      field("z", &Pillar::z, metres("Low and high end. Default: those of the room.", kCoordinates)), kMaterial,
                       kVisible, kSolid);
   }
 };
@@ -286,17 +286,20 @@ struct Scene {
         field("materials", &C::materials, {.about = "Materials by name."}),
         field("room", &C::room, {.about = "Floor, walls and ceiling of a box, hit from inside."}),
         field("pillars", &C::pillars, {.about = "Upright cylinders from floor to ceiling, or from z[0] to z[1]."}),
-        field("cylinders", &C::cylinders, {.about = "Cylinders with flat caps; the axis is local z."}),
+        field("cylinders", &C::cylinders, {.about = "Cylinders with flat caps. The axis is local z."}),
         field("boxes", &C::boxes, {.about = "Boxes."}), field("spheres", &C::spheres, {.about = "Spheres."}),
-        field("capsules", &C::capsules, {.about = "Cylinders with round caps at both ends; the axis is local z."}),
+        field("capsules", &C::capsules, {.about = "Cylinders with round caps at both ends. The axis is local z."}),
         field("planes", &C::planes, {.about = "Rectangles without thickness, normal to local z, seen and hit from both sides."}),
         field("discs", &C::discs, {.about = "Discs without thickness, normal to local z, seen and hit from both sides."}),
-        field("gates", &C::gates,
-              {.about = "Openings with a frame, in the order of flight. Drones pass along local x; local z is up. The frame is "
-                        "four boxes or a ring of 16 capsules."}),
-        field("meshes", &C::meshes,
-              {.about = "Triangles from an OBJ or PLY file, or given here; scaled, then rotated, then moved. Each mesh is one "
-                        "object to cameras."}),
+        field(
+            "gates", &C::gates,
+            {.about = "Openings with a frame, in the order of flight. Drones pass along local x, and local z is up. The frame is "
+                      "four boxes or a ring of 16 capsules."}),
+        field(
+            "meshes", &C::meshes,
+            {.about =
+                 "Triangles from an OBJ or PLY file, or given here. They are scaled, then rotated, then moved. Each mesh is one "
+                 "object to cameras."}),
         field("bodies", &C::bodies, {.about = "Solids that move, in every env of this world."}),
         field("markers", &C::markers, {.about = "Named places. Nothing collides with them and no LiDAR sees them."}),
         field("light", &C::light, {.about = "Sun and sky, as cameras see them."}));

@@ -34,7 +34,9 @@ struct ControllerConfig {
                .unit = "1/s",
                .limits = kGain}),
         field("yaw_rate_gain_per_s", &C::yaw_rate_gain_per_s,
-              {.about = "The same about z. None: a third of ``rate_gain_per_s``.", .unit = "1/s", .limits = kGain}),
+              {.about = "Angular acceleration per error of the rate about z. None: a third of ``rate_gain_per_s``.",
+               .unit = "1/s",
+               .limits = kGain}),
         field(
             "attitude_gain_per_s", &C::attitude_gain_per_s,
             {.about = "Body rate per error of the tilt. None: a third of ``rate_gain_per_s``.", .unit = "1/s", .limits = kGain}),
@@ -55,11 +57,11 @@ struct ControllerConfig {
                .unit = "1/s",
                .limits = kGain}),
         field("lead", &C::lead,
-              {.about = "Factor of a commanded change of rotor speed, which makes slow rotors quicker. None: their lag over 35 "
-                        "ms, 1 to 4.",
+              {.about = "Factor of a commanded change of rotor speed, which makes slow rotors quicker. None: their lag "
+                        "divided by 35 ms, clipped to 1 to 4.",
                .limits = between(1, 10)}),
         field("command_lag_s", &C::command_lag_s,
-              {.about = "Time constant with which rotor commands follow the controller, as of a filter before it. 0: none.",
+              {.about = "Time constant of a low-pass filter between controller and rotors. 0: none.",
                .unit = "s",
                .limits = between(0, 1)}),
         field(

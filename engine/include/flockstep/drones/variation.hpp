@@ -95,7 +95,7 @@ struct DroneParameters {
                .unit = "s",
                .limits = between(0, 1e6)}),
         field("wind_mps", &C::wind_mps,
-              {.about = "Wind beside `WindConfig`, world frame.", .unit = "m/s", .limits = within(1000)}),
+              {.about = "Wind added to that of `WindConfig`, world frame.", .unit = "m/s", .limits = within(1000)}),
         field("push_mps2", &C::push_mps2,
               {.about = "External force over the airframe's mass, world frame.", .unit = "m/s^2", .limits = within(1000)}),
         field("twist_radps2", &C::twist_radps2,

@@ -142,9 +142,9 @@ struct CameraConfig {
                         "those of the rendered image. Not with the outputs semantic, instance and normal.",
                .unit = "px"}),
         field("pool", &C::pool,
-              {.about =
-                   "How ``resize`` combines pixels. ``\"mean\"``: by area, like OpenCV's INTER_AREA. "
-                   "``\"min\"``, ``\"max\"``: of each channel. Depth is inf if any pixel is a miss, with min only if all are."}));
+              {.about = "How ``resize`` combines pixels. ``\"mean\"``: by area, like OpenCV's INTER_AREA. "
+                        "``\"min\"``, ``\"max\"``: of each channel. Depth with mean or max is inf if any pixel misses, with min "
+                        "if all do."}));
   }
 
   FLOCKSTEP_API void validate() const;

@@ -21,7 +21,7 @@ struct ObservationConfig {
                         "episode fills all places.",
                .limits = between(1, kMaxHistory)}),
         field("past_actions", &C::past_actions,
-              {.about = "Number of past actions behind them, the newest first, clipped to the bounds of actions. A discrete "
+              {.about = "Number of past actions after them, the newest first, clipped to the bounds of actions. A discrete "
                         "action is one number for each choice, 1 for the one taken. Zeros before an episode's first "
                         "action.",
                .limits = between(0, kMaxHistory)}),
@@ -31,8 +31,8 @@ struct ObservationConfig {
                .unit = "s",
                .limits = between(0, kMaxDelay)}),
         field("jitter_s", &C::jitter_s,
-              {.about = "Greatest further delay of an observation, drawn for each. The newest one that has arrived holds, so no "
-                        "observation is older than the one before it.",
+              {.about = "Greatest further delay of an observation, drawn for each. The newest one that has arrived holds. An "
+                        "overtaken observation is dropped.",
                .unit = "s",
                .limits = between(0, kMaxDelay)}),
         field("age", &C::age,

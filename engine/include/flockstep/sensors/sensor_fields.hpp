@@ -29,7 +29,7 @@ inline constexpr FieldInfo kSensorLatency{.about =
 // Description of `jitter_s`.
 inline constexpr FieldInfo kSensorJitter{.about =
                                              "Greatest further delay of a reading, drawn for each. The newest one that has "
-                                             "arrived holds, so no reading is older than the one before it.",
+                                             "arrived holds. An overtaken reading is dropped.",
                                          .unit = "s",
                                          .limits = between(0, 1)};
 
