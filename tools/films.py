@@ -23,6 +23,7 @@ from PIL import Image, ImageDraw
 from tqdm import tqdm
 
 import flockstep
+from flockstep.trainings import TRAININGS as BUNDLED
 from flockstep.trainings import UNSEEN_SEEDS, train
 from tools import flight_film, formation_film, race_film, slice_picture, stills
 from tools.film import FINER, INK, Array, Film, Frame, Shot, save_film, steps_of, write_captions
@@ -115,6 +116,11 @@ def swap(shot: Shot, drones: int = 16) -> Iterator[Frame]:
         yield picture, STEP_MS if step < len(positions) - 1 else 1500
 
 
+def by_firmware(shot: Shot) -> Iterator[Frame]:
+    """Race by the motors of Betaflight."""
+    return race_film.frames(shot, by_firmware=True)
+
+
 def street(shot: Shot, car: int = 4, behind_s: float = 1.2, above_m: float = 2.8) -> Iterator[Frame]:
     """Follow a car through the streets of a living city.
 
@@ -163,6 +169,7 @@ FILMS = {
     "swap": Film(swap, "policies/swap.zip", LAST, width_px=400, quality=60),
     "formation": Film(formation_film.frames, "policies/formation.zip", LAST - 14, width_px=352, quality=24),
     "race": Film(race_film.frames, "policies/race.zip", UNSEEN_SEEDS.start, width_px=800, quality=60, key_every=16),
+    "betaflight": Film(by_firmware, None, UNSEEN_SEEDS.start, width_px=640, quality=40, training="race_betaflight_apg"),
     "flight": Film(flight_film.frames, "policies/lidar.zip", 1_000_242, width_px=800, quality=50, key_every=100_000),
     "street": Film(street, None, 3, width_px=480, quality=34, film_s=9),
     "forest": Film(forest, None, LAST, width_px=480, quality=30, film_s=40, training="forest"),
@@ -212,7 +219,7 @@ def main(args: Args) -> None:
     if policy is not None:
         model = load_policy(policy)
     else:
-        model = None if film.training is None else train(TRAININGS[film.training])
+        model = None if film.training is None else train((BUNDLED | TRAININGS)[film.training])
     given = {name: getattr(args, name) for name in ("seed", "width_px", "film_s")}
     shot = Shot(model, **{name: getattr(film, name) if value is None else value for name, value in given.items()})
     frames = list(tqdm(film.frames(shot), "filming", unit=" pictures"))

@@ -1,4 +1,4 @@
-"""The film of a race: three laps of the figure-8 by a trained policy.
+"""The films of a race: three laps of the figure-8 by a trained policy, and by one that Betaflight flies.
 
 It shows the flight of the first unseen seed that starts behind the blue gate, successful or not. The walls are left
 out, and the drone is drawn larger than it is. The colour of the trail is the speed; the dark line on the floor is its
@@ -17,6 +17,7 @@ import numpy.typing as npt
 from PIL import Image
 
 import flockstep
+from flockstep.bridges import betaflight_env
 from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import DepthCanvas
 from flockstep.pictures.stage import Stage
@@ -66,10 +67,15 @@ class Flight:
     """True if it flew all laps."""
 
 
-def flown(policy: Any, seed: int) -> Flight:
+def flown(policy: Any, seed: int, *, by_firmware: bool) -> Flight:
     """Fly the first episode from this seed on that starts behind gate 0."""
     task = flockstep.RaceConfig(start="gate", laps=LAPS)
-    envs = flockstep.DroneVectorEnv(1, task=task, worlds=TRACK, max_episode_steps=3000, autoreset_mode="disabled")
+    keywords: dict[str, Any] = {"worlds": TRACK, "max_episode_steps": 3000}
+    envs: Any
+    if by_firmware:
+        envs = betaflight_env.make("film", task, 1, **keywords)
+    else:
+        envs = flockstep.DroneVectorEnv(1, task=task, autoreset_mode="disabled", **keywords)
     for start in itertools.count(seed):
         envs.reset(seed=start)
         if envs.batch.task_state["target"][0] == 1:
@@ -80,7 +86,9 @@ def flown(policy: Any, seed: int) -> Flight:
         speed = float(np.linalg.norm(batch.velocity[0]))
         states.append((np.array(batch.position[0], float), np.array(batch.quat_wxyz[0], float), speed, passed))
     position, quat, speeds, passed_gates = (np.array(each) for each in zip(*states, strict=True))
-    return Flight(position, quat, speeds, passed_gates, 1, bool(envs.batch.success[0]))
+    success = bool(batch.success[0])
+    envs.close()
+    return Flight(position, quat, speeds, passed_gates, 1, success)
 
 
 class Scene:
@@ -172,9 +180,9 @@ def lap_ends(flight: Flight, gates: int) -> list[int]:
     return [int(np.argmax(flight.passed >= gates * lap)) for lap in range(1, int(flight.passed[-1]) // gates + 1)]
 
 
-def frames(shot: Shot) -> Iterator[Frame]:
+def frames(shot: Shot, *, by_firmware: bool = False) -> Iterator[Frame]:
     """Fly, and draw every few steps."""
-    flight = flown(shot.model, shot.seed)
+    flight = flown(shot.model, shot.seed, by_firmware=by_firmware)
     scene = Scene((shot.width_px, shot.width_px * 9 // 16))
     last = shot.steps(1000 / POLICY_HZ, len(flight.position) - 1)
     for step in [*range(0, last, FILM_EVERY), last]:
