@@ -169,7 +169,9 @@ FILMS = {
     "swap": Film(swap, "policies/swap.zip", LAST, width_px=400, quality=60),
     "formation": Film(formation_film.frames, "policies/formation.zip", LAST - 14, width_px=352, quality=24),
     "race": Film(race_film.frames, "policies/race.zip", UNSEEN_SEEDS.start, width_px=800, quality=60, key_every=16),
-    "betaflight": Film(by_firmware, None, UNSEEN_SEEDS.start, width_px=640, quality=40, training="race_betaflight_apg"),
+    "gallery/betaflight": Film(
+        by_firmware, None, UNSEEN_SEEDS.start, width_px=640, quality=40, training="race_betaflight_apg"
+    ),
     "flight": Film(flight_film.frames, "policies/lidar.zip", 1_000_242, width_px=800, quality=50, key_every=100_000),
     "street": Film(street, None, 3, width_px=480, quality=34, film_s=9),
     "forest": Film(forest, None, LAST, width_px=480, quality=30, film_s=40, training="forest"),

@@ -67,7 +67,7 @@ class Flight:
     """True if it flew all laps."""
 
 
-def flown(policy: Any, seed: int, *, by_firmware: bool) -> Flight:
+def flown(policy: Any, seed: int, *, by_firmware: bool = False) -> Flight:
     """Fly the first episode from this seed on that starts behind gate 0."""
     task = flockstep.RaceConfig(start="gate", laps=LAPS)
     keywords: dict[str, Any] = {"worlds": TRACK, "max_episode_steps": 3000}

@@ -1,8 +1,9 @@
 """Recordings as MCAP files: a channel for each array, beside the ROS 2 messages of `flockstep.bridges.McapRecorder`.
 
-The topic of an array is ``/flockstep/NAME``, its schema a JSON object with dtype, shape and unit, and a message its
-bytes, little-endian. Images are messages of ``/flockstep/camera.NAME.jpeg``. The metadata record ``flockstep`` and
-attachments hold everything else, before the first message that needs it, so that a file can end anywhere.
+The topic of an array is ``/flockstep/NAME``. The metadata of its channel are dtype, shape and unit, and a message its
+bytes, little-endian. It has no schema: readers of ROS 2 refuse whole files with a schema of an unknown encoding. Images
+are messages of ``/flockstep/camera.NAME.jpeg``. The metadata record ``flockstep`` and attachments hold everything else,
+before the first message that needs it, so that a file can end anywhere.
 """
 
 from __future__ import annotations
@@ -81,9 +82,8 @@ class ArrayChannels:
 
     def _add(self, name: str, dtype: str, shape: tuple[int, ...], unit: str, time_ns: int, data: bytes) -> None:
         if name not in self._channels:
-            about = json.dumps({"dtype": dtype, "shape": shape, "unit": unit}).encode()
-            schema = self._writer.register_schema(f"flockstep/{name}", _ENCODING, about)
-            self._channels[name] = (self._writer.register_channel(_TOPIC + name, _ENCODING, schema), dtype, shape)
+            about = {"dtype": dtype, "shape": json.dumps(shape), "unit": unit}
+            self._channels[name] = (self._writer.register_channel(_TOPIC + name, _ENCODING, 0, about), dtype, shape)
         channel, *known = self._channels[name]
         if known != [dtype, shape]:
             raise ValueError(f"{name}: expected {known[0]} {known[1]} at every moment, got {dtype} {shape}")
@@ -116,7 +116,6 @@ def write(path: str | PathLike[str], contents: Contents) -> None:
 class _Reader:
     def __init__(self) -> None:
         self.about: dict[str, str] | None = None
-        self.schemas: dict[int, Any] = {}
         self.topics: dict[int, tuple[str, Any]] = {}  # name and description of the array of each channel
         self.data: dict[str, list[bytes]] = {}
         self.times: dict[str, list[int]] = {}
@@ -129,13 +128,10 @@ class _Reader:
             self.about = dict(record.metadata)
         elif isinstance(record, records.Attachment):
             self.attachments[record.name] = record.data
-        elif isinstance(record, records.Schema) and record.encoding == _ENCODING:
-            self.schemas[record.id] = json.loads(record.data)
         elif isinstance(record, records.Channel) and record.message_encoding == _ENCODING:
-            name = record.topic.removeprefix(_TOPIC)
-            if record.schema_id not in self.schemas:
-                raise ValueError(f"{name}: expected a schema before its channel, got none")
-            self.topics[record.id] = name, self.schemas[record.schema_id]
+            about: dict[str, Any] = dict(record.metadata)
+            about["shape"] = json.loads(about.get("shape", "null"))
+            self.topics[record.id] = record.topic.removeprefix(_TOPIC), about
         elif isinstance(record, records.Message) and record.channel_id in self.topics:
             name = self.topics[record.channel_id][0]
             self.data.setdefault(name, []).append(record.data)

@@ -11,10 +11,11 @@ LOOK = np.roll(Rotation.from_euler("zyx", [-0.7, 0.2, 0.1]).as_quat(), 1)
 
 
 def read(path):
-    """Return {topic: [(time in ns, message), ...]} of a file."""
+    """Return {topic: [(time in ns, message), ...]} of a file, of messages of ROS 2."""
     found = {}
     with Reader(path) as reader:
-        for connection, stamp, data in reader.messages():
+        ours = [each for each in reader.connections if not each.topic.startswith("/flockstep/")]
+        for connection, stamp, data in reader.messages(ours):
             found.setdefault(connection.topic, []).append((stamp, STORE.deserialize_cdr(data, connection.msgtype)))
     return found
 

@@ -129,9 +129,7 @@ def test_a_file_that_would_fill_the_memory_is_refused(varied, tmp_path, monkeypa
     with open(tmp_path / "bomb.mcap", "wb") as stream:
         writer = Writer(stream, chunk_size=1 << 24)
         writer.start()
-        channel = writer.register_channel(
-            "/flockstep/position", "flockstep", writer.register_schema("a", "flockstep", b"{}")
-        )
+        channel = writer.register_channel("/flockstep/position", "flockstep", 0)
         for moment in range(64):
             writer.add_message(channel, moment, bytes(1 << 24), moment)
         writer.finish()
