@@ -6,8 +6,9 @@ import argparse
 import os
 import signal
 import sys
-import threading
+from contextlib import suppress
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from flockstep._core import Batch, CameraConfig, Recipe, Server, ServerConfig
@@ -87,6 +88,27 @@ def add_field(parser: argparse.ArgumentParser, field: dict[str, str]) -> None:
     parser.add_argument(flag, type=type(default), default=default, help=about + shown, metavar=name.upper())
 
 
+class Stop:
+    """A request to stop. A handler of signals that interrupts `wait` may set it, where an Event would deadlock."""
+
+    def __init__(self) -> None:
+        self._requests: SimpleQueue[None] = SimpleQueue()
+
+    def set(self) -> None:
+        """Request to stop."""
+        self._requests.put(None)
+
+    def is_set(self) -> bool:
+        """Return whether it was requested."""
+        return not self._requests.empty()
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for a request, at most for some seconds; return whether there is one."""
+        with suppress(Empty):
+            self._requests.put(self._requests.get(timeout=seconds))  # it stays requested
+        return self.is_set()
+
+
 def main(arguments: argparse.Namespace) -> None:
     """Serve until Ctrl-C or SIGTERM."""
     fields = {name: getattr(arguments, name) for name in ServerConfig.__match_args__}
@@ -98,7 +120,7 @@ def main(arguments: argparse.Namespace) -> None:
         server = Server(batch, ServerConfig(**fields))
     except (OSError, RuntimeError, ValueError) as error:
         sys.exit(f"flockstep serve: {error}")
-    ended = threading.Event()
+    ended = Stop()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
     with server:

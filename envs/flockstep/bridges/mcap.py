@@ -10,7 +10,6 @@ import argparse
 import os
 import re
 import signal
-import threading
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -34,7 +33,7 @@ from flockstep.recordings.mcap_files import ArrayChannels
 from flockstep.recordings.moment import Moments
 from flockstep.registration import make_by_id
 from flockstep.rotations import rotate
-from flockstep.serving import TOKEN_VARIABLE
+from flockstep.serving import TOKEN_VARIABLE, Stop
 from flockstep.vector_env import DroneVectorEnv
 
 #: Message and last part of the topic of each kind of sensor.
@@ -410,9 +409,9 @@ def _record_server(arguments: argparse.Namespace, rates: Mapping[str, float]) ->
     print(f"{arguments.path}: {writes} moments, {drones}, sensors {', '.join(source.sensors) or 'none'}")
 
 
-def _stopped_by_ctrl_c() -> threading.Event:
-    """Return an event that the first Ctrl-C sets, so that it interrupts no write. A second one interrupts."""
-    stopped = threading.Event()
+def _stopped_by_ctrl_c() -> Stop:
+    """Return a request that the first Ctrl-C makes, so that it interrupts no write. A second one interrupts."""
+    stopped = Stop()
 
     def stop(number: int, _: object) -> None:
         stopped.set()
