@@ -20,7 +20,7 @@ def drone_data(fit: Fit, *, mass_kg: float | None = None, name: str = "identifie
     fit
         What `fit` returned.
     mass_kg
-        Mass of the drone that flew. Logs only tell forces and inertia divided by it. None: that of `Fit.like`.
+        Mass of the drone that flew. Logs only tell forces and inertia divided by it. None: that of ``Fit.like``.
     name
         Name of the drone.
 

@@ -31,7 +31,7 @@ _MOST = 1e10
 
 
 class Table(NamedTuple):
-    """A log as its file has it: columns by the names of `columns`, in their units, one number for each time."""
+    """A log as its file has it: columns by the names of ``columns``, in their units, one number for each time."""
 
     path: str
     columns: dict[str, Array]
