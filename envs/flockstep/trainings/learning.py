@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -91,13 +92,12 @@ def train(
         _require_sb3()
     envs = make(training, training.num_envs, threads)
     first = first_env_seed(seed, training.num_envs)  # the seeds of the model are also those of other trainings
-    rate, falls = training.settings["learning_rate"], training.falls
     both = [_Schedule(training), *callbacks]
     if learner == "flockstep":
         settings = {**training.settings}
-        if falls:
+        kind, rate = _learner(training)
+        if training.falls:
             settings["learning_rate"] = lambda left: rate - (1.0 - left) * rate
-        kind = APG if training.learner == "APG" else PPO
         model = kind("MlpPolicy", envs, seed=seed, num_threads=threads, **settings)
         if hasattr(envs, "env_is_wrapped"):  # a VecEnv keeps its seed for its reset
             envs.seed(first)
@@ -109,6 +109,12 @@ def train(
         model = _sb3(training, envs, seed, first, both)
     envs.close()
     return model
+
+
+def _learner(training: Training) -> tuple[type[PPO], float]:
+    """Return the class that trains, and its learning rate at the start."""
+    kind = APG if training.learner == "APG" else PPO
+    return kind, training.settings.get("learning_rate", inspect.signature(kind).parameters["learning_rate"].default)
 
 
 def _require_sb3() -> None:
@@ -132,7 +138,7 @@ def _sb3(training: Training, envs: Any, seed: int, first: int, callbacks: list[A
     # No function: the saved policy would contain its bytecode, which crashes another Python version.
     settings = {**training.settings}
     if training.falls:
-        settings["learning_rate"] = LinearSchedule(settings["learning_rate"], 0.0, 1.0)
+        settings["learning_rate"] = LinearSchedule(_learner(training)[1], 0.0, 1.0)
     venv = envs if hasattr(envs, "env_is_wrapped") else sb3.DroneVecEnv(envs)
     model: Any = SB3("MlpPolicy", venv, seed=seed, device="cpu", **{**settings, "policy_kwargs": named})
     venv.seed(first)
