@@ -1,7 +1,8 @@
 """Reproduce the thesis: `./dev thesis [NAME...]` measures what is missing of a table, a figure or an experiment.
 
 Each job has rows, and each row keeps its own result in out/thesis/NAME/ROW.json when it is measured, so that an
-interrupted job goes on where it stopped. Once all rows of a job are there, it writes out/bench/thesis_NAME.json;
+interrupted job goes on where it stopped. Rows that bench/results/thesis_NAME.json has are not measured again, either.
+Once all rows of a job are there, it writes out/bench/thesis_NAME.json;
 `python bench/table.py --keep` keeps that and writes the pages of docs/thesis/. `--fresh` measures all rows again. A job
 that only draws writes its pictures to docs/images/.
 """
@@ -38,12 +39,21 @@ JOBS = {
 DRAWN = {"pictures": "pictures:draw", "paths": "experiments:draw_paths"}
 
 
-def measured(name: str, row: str, measure: Callable[[], Iterable[Measured | Figure]], fresh: bool) -> dict[str, Any]:
-    """Return the result of a row, which is measured now if it is not kept."""
-    path = OUT / "thesis" / name / f"{row}.json"
-    if path.exists() and not fresh:
-        kept: dict[str, Any] = json.loads(path.read_text())
-        return kept
+def kept_rows(name: str) -> dict[str, dict[str, Any]]:
+    """Return the kept results of a job by row: those of out/thesis/, and those of bench/results/ that it lacks."""
+    rows: dict[str, dict[str, Any]] = {}
+    path = table.KEPT / f"thesis_{name}.json"
+    whole = json.loads(path.read_text()) if path.exists() else {"figures": []}
+    commits = {row: part["commit"] for part in whole.pop("parts", []) for row in part["what"].split()}
+    for each in whole.pop("figures"):
+        row = each["name"].split("/")[1]
+        about = {**whole, "commit": commits.get(row, whole["commit"])}
+        rows.setdefault(row, {**about, "figures": []})["figures"].append(each)
+    return rows | {each.stem: json.loads(each.read_text()) for each in (OUT / "thesis" / name).glob("*.json")}
+
+
+def measured(name: str, row: str, measure: Callable[[], Iterable[Measured | Figure]]) -> dict[str, Any]:
+    """Measure a row, and keep its result."""
     print(f"== {name}, {row}", flush=True)
     at = {"machine": run.machine(), "commit": run.commit(), "commit_date": run.commit_date()}
     figures = [figure(*each) if isinstance(each, tuple) else each for each in measure()]
@@ -52,6 +62,7 @@ def measured(name: str, row: str, measure: Callable[[], Iterable[Measured | Figu
         print(f"   {each['name']:60} {each['value']:>12,.6g} {each['unit']}", flush=True)
     if run.commit() != at["commit"]:
         sys.exit(f"{name}: the checkout changed while {row} ran; nothing written")
+    path = OUT / "thesis" / name / f"{row}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     whole = path.with_suffix(".part")  # renamed when whole, so that an interrupted run leaves no half a row
     whole.write_text(table.lines_of({**at, "figures": figures}))
@@ -72,13 +83,14 @@ def reproduce(name: str, only: str, fresh: bool, kept: bool) -> None:
     if only:
         if only not in rows:
             sys.exit(f"NAME/ROW: expected one of {', '.join(rows)} of {name}, got {only!r}")
-        measured(name, only, rows[only], fresh)
+        measured(name, only, rows[only])
         return
+    found = {} if fresh else kept_rows(name)
     if kept:
-        rows = {row: measure for row, measure in rows.items() if (OUT / "thesis" / name / f"{row}.json").exists()}
+        rows = {row: measure for row, measure in rows.items() if row in found}
     if not rows:
-        sys.exit(f"{name}: no row is kept in {OUT}/thesis")
-    results = {row: measured(name, row, measure, fresh) for row, measure in rows.items()}
+        sys.exit(f"{name}: no row is kept")
+    results = {row: found[row] if row in found else measured(name, row, measure) for row, measure in rows.items()}
     last = results[next(reversed(results))]
     if len({json.dumps(each["machine"]) for each in results.values()}) > 1:
         sys.exit(f"{name}: rows of several machines: --fresh measures all again")

@@ -62,6 +62,21 @@ def test_rows_of_several_commits_are_parts_and_of_several_machines_refused(job, 
         called(monkeypatch, "tiny")
 
 
+def test_rows_that_are_kept_in_the_checkout_are_not_measured_again(job, monkeypatch, tmp_path):
+    called(monkeypatch, "tiny/first")
+    monkeypatch.setattr(command.run, "commit", lambda: "a" * 40)
+    called(monkeypatch, "tiny")
+    kept = tmp_path / "out" / "bench" / "thesis_tiny.json"
+    monkeypatch.setattr(command.table, "KEPT", kept.parent)
+    before = json.loads(kept.read_text())
+    (tmp_path / "out" / "thesis" / "tiny" / "first.json").unlink()  # a part
+    called(monkeypatch, "tiny")
+    assert json.loads(kept.read_text()) == before
+    (tmp_path / "out" / "thesis" / "tiny" / "second.json").unlink()
+    called(monkeypatch, "tiny")
+    assert (json.loads(kept.read_text()), job) == (before, {"first": 1, "second": 1})
+
+
 def test_unknown_jobs_and_rows_are_refused(job, monkeypatch, capsys):
     with refused(SystemExit, "NAME/ROW", "first", "second", "third"):
         called(monkeypatch, "tiny/third")
