@@ -7,7 +7,6 @@
 #include <array>
 #include <cstddef>
 #include <span>
-#include <tuple>
 #include <utility>
 
 #include "flockstep/arrays.hpp"
@@ -41,7 +40,7 @@ void add_array(const py::object& cls, const ArrayView& listed, ViewArray view, G
 // Returns the array at an index of the list.
 template <HasFields Arrays, std::size_t kIndex>
 ArrayView view_at(const void* arrays, const ItemShape& items) {
-  constexpr auto kEntry = std::get<kIndex>(Arrays::fields());
+  constexpr auto kEntry = kFields<Arrays>.template get<kIndex>();
   return view_of(kEntry, static_cast<const Arrays*>(arrays)->*kEntry.member, items);
 }
 
@@ -55,12 +54,12 @@ void add_arrays(const py::object& cls) {
   [&]<std::size_t... kIndex>(std::index_sequence<kIndex...>) {
     const Arrays empty;
     const auto add_if_listed = [&]<std::size_t kAt>(std::integral_constant<std::size_t, kAt>) {
-      if constexpr (requires { std::get<kAt>(Arrays::fields()).info.writer; }) {
+      if constexpr (requires { kFields<Arrays>.template get<kAt>().info.writer; }) {
         add_array(cls, view_at<Arrays, kAt>(&empty, {}), &view_at<Arrays, kAt>, get);
       }
     };
     (add_if_listed(std::integral_constant<std::size_t, kIndex>()), ...);
-  }(std::make_index_sequence<std::tuple_size_v<decltype(Arrays::fields())>>());
+  }(std::make_index_sequence<kFields<Arrays>.kSize>());
 }
 
 }  // namespace flockstep::bindings

@@ -6,7 +6,6 @@
 #include <optional>
 #include <string>
 #include <string_view>
-#include <tuple>
 #include <type_traits>
 #include <vector>
 
@@ -79,7 +78,7 @@ concept HasFirstArrays = SensorList<Value> && requires { typename Value::value_t
 // The word for such a sensor, which writes its arrays.
 template <HasFirstArrays List>
 std::string noun_of() {
-  return std::get<0>(List::value_type::Readings::fields()).info.writer;
+  return kFields<typename List::value_type::Readings>.template get<0>().info.writer;
 }
 
 // The arrays of the first sensor of a list.

@@ -17,7 +17,6 @@
 #include <cstdint>
 #include <span>
 #include <string_view>
-#include <tuple>
 #include <type_traits>
 #include <utility>
 
@@ -63,10 +62,43 @@ constexpr FieldPointer<Struct, Value> field(const char* name, Value Struct::* me
   return {name, member, info};
 }
 
+namespace detail {
+
+template <std::size_t I, class Field>
+struct FieldAt {
+  Field field;
+};
+template <std::size_t I, class Field>
+constexpr const Field& at(const FieldAt<I, Field>& entry) {
+  return entry.field;
+}
+
+}  // namespace detail
+
+// A list of entries. A std::tuple would check for each how it may be constructed, which is a tenth of the compiler's time.
+template <class Indices, class... Fields>
+struct FieldList;
+template <std::size_t... I, class... Fields>
+struct FieldList<std::index_sequence<I...>, Fields...> : detail::FieldAt<I, Fields>... {
+  static constexpr std::size_t kSize = sizeof...(Fields);
+
+  // Calls f with all entries.
+  template <class F>
+  constexpr decltype(auto) apply(F&& f) const {
+    return std::forward<F>(f)(detail::at<I>(*this)...);
+  }
+
+  // Returns entry K.
+  template <std::size_t K>
+  constexpr const auto& get() const {
+    return detail::at<K>(*this);
+  }
+};
+
 // Returns a list of entries.
 template <class... Fields>
-constexpr auto field_list(Fields... fields) {
-  return std::tuple<Fields...>(fields...);
+constexpr auto field_list(const Fields&... fields) {
+  return FieldList<std::index_sequence_for<Fields...>, Fields...>{{fields}...};
 }
 
 template <class T>
@@ -96,23 +128,17 @@ consteval bool takes(std::index_sequence<I...>) {
 
 }  // namespace detail
 
-// Returns the number of fields of an aggregate without base classes: the length of the longest initialiser list that compiles.
-template <class T, std::size_t kMax = 32>
-consteval std::size_t count_fields() {
+// Returns true if an aggregate without base classes has `count` fields: if the longest initialiser list that compiles is as long.
+template <class T, std::size_t kCount>
+consteval bool has_fields() {
   static_assert(std::is_aggregate_v<T>);
-  if constexpr (kMax == 0) {
-    return 0;
-  } else if constexpr (detail::takes<T>(std::make_index_sequence<kMax>())) {
-    return kMax;
-  } else {
-    return count_fields<T, kMax - 1>();
-  }
+  return detail::takes<T>(std::make_index_sequence<kCount>()) && !detail::takes<T>(std::make_index_sequence<kCount + 1>());
 }
 
 // Returns true if the list of a struct has as many entries as the struct has fields.
 template <HasFields T>
 consteval bool lists_every_field() {
-  return std::tuple_size_v<decltype(T::fields())> == count_fields<T>();
+  return has_fields<T, decltype(T::fields())::kSize>();
 }
 
 // The field list of a struct, built at compile time.
@@ -124,7 +150,7 @@ template <class T, class F>
 constexpr void for_each_field(T& object, F&& f) {
   using Struct = std::remove_const_t<T>;
   static_assert(lists_every_field<Struct>(), "fields() has to list every field of the struct");
-  std::apply([&](const auto&... fields) { (f(fields, object.*(fields.member)), ...); }, kFields<Struct>);
+  kFields<Struct>.apply([&](const auto&... fields) { (f(fields, object.*(fields.member)), ...); });
 }
 
 }  // namespace flockstep

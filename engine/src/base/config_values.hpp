@@ -11,7 +11,6 @@
 #include <span>
 #include <string>
 #include <string_view>
-#include <tuple>
 #include <type_traits>
 #include <vector>
 
@@ -51,8 +50,8 @@ const Members& members_of();
 // Returns true for a struct of bools.
 template <class Config>
 consteval bool are_all_bools() {
-  return std::apply([]<class... Values>(const FieldPointer<Config, Values>&...) { return (std::is_same_v<Values, bool> && ...); },
-                    kFields<Config>);
+  return kFields<Config>.apply(
+      []<class... Values>(const FieldPointer<Config, Values>&...) { return (std::is_same_v<Values, bool> && ...); });
 }
 
 // -- Writing

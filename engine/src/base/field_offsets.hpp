@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstddef>
-#include <tuple>
 #include <type_traits>
 #include <vector>
 
@@ -19,12 +18,10 @@ std::vector<Entry> list_fields(const Make& make) {
   const auto offset_of = [&](const auto& value) {
     return reinterpret_cast<const char*>(&value) - reinterpret_cast<const char*>(&config);
   };
-  return std::apply(
-      [&]<class... Values>(const FieldPointer<Config, Values>&... fields) {
-        return std::vector<Entry>{
-            make(fields.name, &fields.info, offset_of(config.*(fields.member)), std::type_identity<Values>())...};
-      },
-      kFields<Config>);
+  return kFields<Config>.apply([&]<class... Values>(const FieldPointer<Config, Values>&... fields) {
+    return std::vector<Entry>{
+        make(fields.name, &fields.info, offset_of(config.*(fields.member)), std::type_identity<Values>())...};
+  });
 }
 
 }  // namespace flockstep

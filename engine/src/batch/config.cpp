@@ -70,8 +70,13 @@ void DynamicsConfig::validate() const {
   check_fields(*this, "");
   require(!is_kinematic() || control == Control::pose, "control", "\"pose\" (motion is \"kinematic\": give motion=\"rotors\")",
           EnumNames<Control>::kNames[static_cast<std::size_t>(control)]);
-  require(!is_kinematic() || !downwash, "downwash", "False for kinematic motion (it has no rotors: give motion=\"rotors\")",
-          "True");
+  const auto require_off = [&](bool is_on, const char* name, const char* off, const char* shown) {
+    require(!is_kinematic() || !is_on, name,
+            std::string(off) + " for kinematic motion (it has no rotors: give motion=\"rotors\")", shown);
+  };
+  require_off(downwash, "downwash", "False", "True");
+  require_off(ground_effect, "ground_effect", "False", "True");
+  require_off(wind.gusts != Gusts::none || wind.mean_mps != WindConfig().mean_mps, "wind", "no wind", "some");
 }
 
 namespace {

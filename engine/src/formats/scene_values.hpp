@@ -8,7 +8,6 @@
 #include <cstdint>
 #include <span>
 #include <string_view>
-#include <tuple>
 
 #include "base/config_values.hpp"
 #include "base/json_document.hpp"
@@ -37,8 +36,7 @@ constexpr KeyRule rule_of(const FieldPointer<Struct, keys::Key<Value, kIsRequire
 void check_keys(const json::JsonField& field, std::span<const KeyRule> rules);
 template <class Object>
 void check_keys(const json::JsonField& field) {
-  static constexpr std::array kRules =
-      std::apply([](const auto&... all) { return std::array{rule_of(all)...}; }, kFields<Object>);
+  static constexpr std::array kRules = kFields<Object>.apply([](const auto&... all) { return std::array{rule_of(all)...}; });
   check_keys(field, kRules);
 }
 

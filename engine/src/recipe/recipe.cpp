@@ -26,7 +26,7 @@ constexpr const char* kRecipeKey = "flockstep_recipe";
 
 std::vector<std::string_view> names_of_members() {
   std::vector<std::string_view> names{kRecipeKey, "task", "worlds", "drone"};
-  std::apply([&](const auto&... fields) { (names.emplace_back(fields.name), ...); }, BatchConfig::fields());
+  kFields<BatchConfig>.apply([&](const auto&... fields) { (names.emplace_back(fields.name), ...); });
   return names;
 }
 

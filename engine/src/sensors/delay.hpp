@@ -9,7 +9,6 @@
 #include <span>
 #include <string>
 #include <string_view>
-#include <tuple>
 #include <vector>
 
 #include "base/random.hpp"
@@ -170,7 +169,7 @@ class Rings {
       if constexpr (requires { entry.member == &Arrays::age_s; }) {
         if (entry.member == &Arrays::age_s) return;
       }
-      if (std::string_view(entry.info.writer) == std::get<0>(kFields<Arrays>).info.writer) f(entry, ring);
+      if (std::string_view(entry.info.writer) == kFields<Arrays>.template get<0>().info.writer) f(entry, ring);
     });
   }
 

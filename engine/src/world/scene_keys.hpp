@@ -8,7 +8,6 @@
 #include <cstdint>
 #include <optional>
 #include <string>
-#include <tuple>
 #include <vector>
 
 #include "base/json_document.hpp"
@@ -27,7 +26,7 @@ std::string scene_keys_as_json();
 // Calls f(field) for each key of an object.
 template <class Object, class F>
 constexpr void for_each_key(const F& f) {
-  std::apply([&](const auto&... fields) { (f(fields), ...); }, kFields<Object>);
+  kFields<Object>.apply([&](const auto&... fields) { (f(fields), ...); });
 }
 
 namespace keys {

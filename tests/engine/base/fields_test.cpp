@@ -63,10 +63,10 @@ struct Empty {
   static constexpr auto fields() { return field_list(); }
 };
 
-static_assert(count_fields<Weather>() == 12);
-static_assert(count_fields<Gust>() == 2);
-static_assert(count_fields<Forgotten>() == 3);
-static_assert(count_fields<Empty>() == 0);
+static_assert(has_fields<Weather, 12>());
+static_assert(has_fields<Gust, 2>());
+static_assert(has_fields<Forgotten, 3>());
+static_assert(has_fields<Empty, 0>());
 static_assert(lists_every_field<Weather>());
 static_assert(lists_every_field<Gust>());
 static_assert(lists_every_field<Empty>());

@@ -300,6 +300,15 @@ class TestInvariance:
 
 
 class TestInterface:
-    def test_kinematic_motion_is_refused(self):
-        with refused(ValueError, "downwash", "True"):
-            flockstep.Batch(dynamics=flockstep.DynamicsConfig(downwash=True))
+    @pytest.mark.parametrize(
+        "field, value, shown",
+        [
+            ("downwash", True, "True"),
+            ("ground_effect", True, "True"),
+            ("wind", flockstep.WindConfig(gusts="dryden"), "some"),
+            ("wind", flockstep.WindConfig(mean_mps=[0, 0, 0.1]), "some"),
+        ],
+    )
+    def test_kinematic_motion_is_refused(self, field, value, shown):
+        with refused(ValueError, field, shown):
+            flockstep.Batch(dynamics=flockstep.DynamicsConfig(**{field: value}))

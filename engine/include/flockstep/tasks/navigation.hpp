@@ -84,7 +84,7 @@ struct NavigationConfig {
     return {
         .about =
             "A drone with a LiDAR flies from the start marker over the waypoints to the goal. Instead of the direction, the "
-            "camera tasks observe the green of the goal in an image (``observation=\"blob\"``) or the image itself "
+            "camera tasks observe where an image shows the green goal (``observation=\"blob\"``) or the image itself "
             "(``\"pixels\"``).",
         .start = "At the world's start marker, or anywhere in its spawn box with ``random_start=True``.",
         .action = "``action`` chooses: one of six directions, one of three, or a displacement.",
@@ -106,10 +106,11 @@ struct NavigationConfig {
                  "at the final goal R = ``goal_reward`` of ``reward``. At a waypoint R * ``waypoint_share`` / number of "
                  "waypoints. In all other steps the centimetres gained towards the current goal"},
                 {"crash",
-                 "-R on a collision. In all other steps min(0, min(l) - M), with the ranges l and M = ``min_clearance``"},
+                 "-R on a collision. In all other steps min(0, min(l) - M), with the observed ranges l and M = "
+                 "``min_clearance``"},
                 {"free_space", "sum(l / M - 1) / (|L| / M - |L|) for |L| ranges, which is 1 in the open"},
                 {"step", "-(step number) / ``step_scale``, with 0 as the first number"},
-                {"action_change", "-1 if the action changes, as the first one does"},
+                {"action_change", "-1 if the action changes, or is the first"},
                 {"overshoot", "-R / 10 when x exceeds the current goal's x + ``goal_radius_m``"},
             },
         .end =
@@ -142,7 +143,7 @@ struct NavigationConfig {
                         "``area`` of the `color_blob` of ``color`` in the first camera's image. ``\"pixels\"``: none. The first "
                         "camera's image, of layout ``\"chw\"``, is a separate field."}),
         field("goal_norm", &C::goal_norm,
-              {.about = "Norm that is 1 in the direction to the goal. ``\"maximum\"``: its largest component is +-1, as in the "
+              {.about = "Norm by which the direction to the goal is divided. ``\"maximum\"``: its largest component, as in the "
                         "thesis's program."}),
         field("step_m", &C::step_m, {.about = "Distance of a full action.", .unit = "m", .limits = above(0)}),
         field("yaw_step_deg", &C::yaw_step_deg,

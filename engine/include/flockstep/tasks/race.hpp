@@ -28,18 +28,19 @@ struct RaceConfig {
             "The gates are `World.gates` in their order, and ``control`` is ``\"body_rates\"``. A drone passes a gate if its "
             "path crosses the gate's plane forwards within the opening, and misses it if the path crosses the plane outside the "
             "opening but within ``miss_m`` of the centre. The cap v on the rewarded speed is a curriculum of each env: it rises "
-            "by ``cap_rise_mps`` if at least ``cap_success`` of the last ``cap_episodes`` episodes were clean. An episode is "
+            "by ``cap_rise_mps`` if the share ``cap_success`` of the last ``cap_episodes`` episodes was clean. An episode is "
             "clean if it succeeds, or reaches its time limit after at least half a lap. ``batch.task_state`` holds ``target``, "
             "``passed`` and ``speed_cap``.",
         .start =
-            "With ``start=\"gate\"``, behind a random gate, at rest. With ``\"between\"``, half of the drones start there, the "
-            "others on the first nine tenths of the path to the next gate, at up to ``start_speed_mps`` along each axis. Offset, "
-            "yaw, roll and pitch are drawn up to ``start_offset_m``, ``start_yaw_deg`` and ``start_tilt_deg``, at least 0.3 m "
-            "behind the gate's plane. The next gate is the first to pass.",
+            "With ``start=\"gate\"``, at rest, at least 0.3 m past a random gate, as if the drone had just passed it. With "
+            "``\"between\"``, half of the drones start there, the others on the first nine tenths of the path to the next gate, "
+            "at "
+            "up to ``start_speed_mps`` along each axis. Offset, yaw, roll and pitch are drawn up to ``start_offset_m``, "
+            "``start_yaw_deg`` and ``start_tilt_deg``.",
         .action =
-            "Four numbers, clipped to [-1, 1]: thrust, from the least that the rotors give to ``max_thrust_to_weight`` times the "
-            "weight, and body rates about x, y and z, up to the ``max_rate_dps`` and ``max_yaw_rate_dps`` of `DynamicsConfig`. 0 "
-            "hovers.",
+            "Four numbers, clipped to [-1, 1]: thrust (-1 the least of the rotors, 0 hovers, 1 ``max_thrust_to_weight`` times "
+            "the "
+            "weight), and body rates about x, y and z, up to the ``max_rate_dps`` and ``max_yaw_rate_dps`` of `DynamicsConfig`.",
         .observed = "All vectors are in the body frame. k is ``observation_scale``.",
         .observation =
             {
