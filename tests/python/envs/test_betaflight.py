@@ -266,6 +266,14 @@ def test_a_policy_trained_for_the_firmware_flies_laps_through_it(racer):
 
 
 @needs_firmware
+def test_an_exported_header_flies_at_500_hz_beside_the_firmware(racer, example):
+    found, difference = example("fly_header").race(racer, flights=4, laps=1)
+    assert found.success_rate == 1
+    assert 4 < found.episode_length / 500 < 6  # s of a lap from rest
+    assert difference <= 1e-6
+
+
+@needs_firmware
 def test_flights_through_the_firmware_are_recorded_in_their_own_time(racer, tmp_path):
     plain, seen = flockstep.evaluate(racer, episodes=2, through="betaflight", **RACE), tmp_path / "flights.mcap"
     assert flockstep.evaluate(racer, episodes=2, through="betaflight", record=seen, **RACE) == plain
