@@ -115,7 +115,7 @@ class BetaflightEnv:
 
 def make(caller: str, env: Any, num_envs: int, **keywords: Any) -> BetaflightEnv:
     """Make an environment by its id or from a task, with the keywords of `DroneVectorEnv`, flown by Betaflight."""
-    usual = make_same_step(caller, env, 1, **keywords)
+    usual = make_same_step(caller, env, 1, ends_stay=True, **keywords)
     hz, episode, limit = usual.batch.clock.policy_hz, usual.recipe.episode, time_limit(usual.task)
     usual.close()
     if episode.frame_skip != 1:
