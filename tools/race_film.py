@@ -17,10 +17,10 @@ import numpy.typing as npt
 from PIL import Image
 
 import flockstep
-from flockstep.bridges import betaflight_env
 from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import DepthCanvas
 from flockstep.pictures.stage import Stage
+from flockstep.registration import make_flown
 from flockstep.relight import DARK_LIGHT
 from flockstep.rotations import rotate
 from flockstep.trainings.table import LAPS
@@ -70,12 +70,8 @@ class Flight:
 def flown(policy: Any, seed: int, *, by_firmware: bool = False) -> Flight:
     """Fly the first episode from this seed on that starts behind gate 0."""
     task = flockstep.RaceConfig(start="gate", laps=LAPS)
-    keywords: dict[str, Any] = {"worlds": TRACK, "max_episode_steps": 3000}
-    envs: Any
-    if by_firmware:
-        envs = betaflight_env.make("film", task, 1, **keywords)
-    else:
-        envs = flockstep.DroneVectorEnv(1, task=task, autoreset_mode="disabled", **keywords)
+    through = "betaflight" if by_firmware else None
+    envs = make_flown("film", task, 1, through, ends_stay=True, worlds=TRACK, max_episode_steps=3000)
     for start in itertools.count(seed):
         envs.reset(seed=start)
         if envs.batch.task_state["target"][0] == 1:

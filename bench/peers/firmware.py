@@ -31,7 +31,8 @@ AXES = ("roll", "pitch", "yaw")
 AMPLITUDES, THRUSTS = (2.0, 4.0, 8.0), (9.81, 20.0)  # rad/s, halved for yaw; m/s^2
 STEP_S, CHIRP_S, CHIRP_HZ = (0.2, 0.5, 0.8), (1.0, 2.0), (1.0, 8.0)
 #: Fields that are fitted: least, first and greatest value. Above this yaw gain the error falls by little, but
-#: `flockstep.APG` diverges, because the inertia of the rotors answers at once.
+#: `flockstep.APG` diverges, because the inertia of the rotors answers at once. What is left is an integral: with the
+#: firmware's i_yaw = 0, a yaw gain of 10 fits to 7 %.
 FITTED = {
     "rate_gain_per_s": (10.0, 30.0, 200.0),
     "yaw_rate_gain_per_s": (2.0, 10.0, 20.0),

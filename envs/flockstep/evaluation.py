@@ -16,7 +16,7 @@ from flockstep._core import EpisodeEnd, NativeTask
 from flockstep.recording import actions_of
 from flockstep.recordings import Capture
 from flockstep.recordings.recording import require_saveable
-from flockstep.registration import make_same_step
+from flockstep.registration import make_flown, make_same_step
 from flockstep.scenes import WorldsLike
 from flockstep.task import Task
 
@@ -88,17 +88,14 @@ def evaluate(
         and lengths compare with others. Needs the extra ``betaflight``.
     record
         A file ``.html`` or ``.mcap`` for a `Recording` of the episodes, of the first 64 envs. The results stay the
-        same. Neither with ``through`` nor with ``drone_episodes="each"``.
+        same. Not with ``drone_episodes="each"``.
     **kwargs
         Further keywords of `DroneVectorEnv`. Several ``worlds`` are assigned to the envs in turn.
     """
     keywords: dict[str, Any] = {**kwargs, **_mode(drone_episodes)}
     if record is not None:
         require_saveable(record)
-        if through is not None:
-            raise ValueError(f"record: expected None with through={through!r}, got {record!r}")
-        keywords["ends_stay"] = True
-    envs = make_flown("evaluate", env, _count(episodes), through, **keywords)
+    envs = make_flown("evaluate", env, _count(episodes), through, ends_stay=record is not None, **keywords)
     if record is not None and envs.recipe.episode.episodes == "each" and envs.drones_per_env > 1:
         raise ValueError("record: expected None with drone_episodes='each', whose drones begin again while others fly")
     names = envs.task.info_names if isinstance(envs.task, Task) else []
@@ -159,23 +156,6 @@ def success_rates(
     for row, end in enumerate(first_episodes(model, envs, "success_rates", seed)):
         by_world[loaded[row // rows_per_env % len(loaded)].name].append(end["is_success"])
     return {name: _mean(successes) for name, successes in by_world.items()}
-
-
-def make_flown(
-    caller: str,
-    env: str | Task | type[Task] | NativeTask,
-    num_envs: int,
-    through: Literal["betaflight"] | None = None,
-    **keywords: Any,
-) -> Any:
-    """Make the envs of an evaluation: a `DroneVectorEnv`, or one that flies ``through`` firmware."""
-    if through is None:
-        return make_same_step(caller, env, num_envs, **keywords)
-    if through != "betaflight":
-        raise ValueError(f"through: expected 'betaflight' or None, got {through!r}")
-    from flockstep.bridges import betaflight_env  # needs what an extra installs
-
-    return betaflight_env.make(caller, env, num_envs, **keywords)
 
 
 def first_episodes(

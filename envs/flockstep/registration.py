@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from os import PathLike, fspath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
@@ -12,6 +12,9 @@ from flockstep.keywords import by_config
 from flockstep.serialization import to_plain
 from flockstep.task import Task
 from flockstep.vector_env import OWN_KEYWORDS, DroneVectorEnv
+
+if TYPE_CHECKING:
+    from typing import Literal
 
 _NO_DEFAULTS = ("num_envs", "autoreset_mode", "copy")  # set by the code that makes the environments
 
@@ -65,6 +68,13 @@ def make_by_id(env_id: str, num_envs: int, **keywords: Any) -> DroneVectorEnv:
     return made
 
 
+def make_any(env: str | Task | type[Task] | NativeTask, num_envs: int, **keywords: Any) -> DroneVectorEnv:
+    """Make an env by its id or from a task."""
+    if isinstance(env, str):
+        return make_by_id(env, num_envs, **keywords)
+    return DroneVectorEnv(num_envs, task=env, **keywords)
+
+
 def make_same_step(
     caller: str,
     env: str | Task | type[Task] | NativeTask,
@@ -75,7 +85,7 @@ def make_same_step(
 ) -> DroneVectorEnv:
     """Make an env by its id or from a task, with same-step autoreset and without copies.
 
-    With ``ends_stay`` envs stay where their episodes end instead, until they are reset.
+    With ``ends_stay`` envs stay where their episodes end instead, until they are reset, and return copies.
 
     Raises
     ------
@@ -84,11 +94,29 @@ def make_same_step(
     """
     own = [name for name in ("autoreset_mode", "copy") if name in keywords]
     if own:
-        raise TypeError(f"{caller}: {' and '.join(own)} cannot be chosen: it needs same-step autoreset")
-    keywords |= {"autoreset_mode": "disabled" if ends_stay else "same_step", "copy": False}
-    if isinstance(env, str):
-        return make_by_id(env, num_envs, **keywords)
-    return DroneVectorEnv(num_envs, task=env, **keywords)
+        mode = "disabled" if ends_stay else "same-step"
+        raise TypeError(f"{caller}: {' and '.join(own)} cannot be chosen: it needs {mode} autoreset")
+    keywords |= {"autoreset_mode": "disabled"} if ends_stay else {"autoreset_mode": "same_step", "copy": False}
+    return make_any(env, num_envs, **keywords)
+
+
+def make_flown(
+    caller: str,
+    env: str | Task | type[Task] | NativeTask,
+    num_envs: int,
+    through: Literal["betaflight"] | None = None,
+    *,
+    ends_stay: bool = False,
+    **keywords: Any,
+) -> Any:
+    """Make envs as `make_same_step` does, or such as firmware flies, which always stay where their episodes end."""
+    if through is None:
+        return make_same_step(caller, env, num_envs, ends_stay=ends_stay, **keywords)
+    if through != "betaflight":
+        raise ValueError(f"through: expected 'betaflight' or None, got {through!r}")
+    from flockstep.bridges import betaflight_env  # needs what an extra installs
+
+    return betaflight_env.make(caller, env, num_envs, **keywords)
 
 
 def register_task(env_id: str, task: type[Task] | str | PathLike[str], **defaults: Any) -> None:

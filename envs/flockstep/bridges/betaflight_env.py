@@ -6,14 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from flockstep._core import ObservationConfig, time_limit
+from flockstep import stepping
+from flockstep._core import ObservationConfig, Recipe, time_limit
 from flockstep.bridges.betaflight import Array, BetaflightBridge
-from flockstep.registration import make_by_id, make_same_step
+from flockstep.registration import make_any, make_same_step
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
 
 #: Exchanges a second with the firmware, at least.
 TICKS_HZ = 1000.0
+_TIMED = ("battery_life_s", "dead_from_s")  # parameters
 
 
 class BetaflightEnv:
@@ -23,7 +25,7 @@ class BetaflightEnv:
     the firmware, and the task scores and observes them. Its own step comes first and moves a drone by the built-in
     controller, from the same state for the same tick, but then the firmware's tick replaces this one. So what a policy
     observes lacks the change of the motors in the last tick: in a race at most 0.01 rad/s of roll and pitch, 0.15 of
-    yaw, a millimetre per second and a micrometre.
+    yaw, a millimetre per second and a micrometre. The batch's clock counts both ticks, so nothing may depend on it.
 
     Parameters
     ----------
@@ -47,7 +49,12 @@ class BetaflightEnv:
         late = [law.parameter for law in batch.variations if law.parameter.startswith("action_")]
         if late:
             raise ValueError(f"through: expected commands that are in time, got variations of {', '.join(late)}")
+        timed = [law.parameter for law in batch.variations if law.when == "interval" or law.parameter in _TIMED]
+        timed += ["wind.gusts"] * (batch.dynamics.wind.gusts != "none") + ["bodies"] * (len(batch.bodies) > 0)
+        if timed:
+            raise ValueError(f"through: expected only what time does not change, got {', '.join(timed)}")
         self.envs, self.ticks = envs, ticks
+        self.metadata = {**envs.metadata, "render_fps": max(1, round(batch.clock.policy_hz / ticks))}
         self.bridge = BetaflightBridge(batch)
         least, most = self.bridge.thrust_mps2
         most = min(most, 9.81 * getattr(task, "max_thrust_to_weight", np.inf))
@@ -57,6 +64,15 @@ class BetaflightEnv:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.envs, name)
+
+    @property
+    def recipe(self) -> Recipe:
+        """The recipe of an environment with the same steps, which the built-in controller flies."""
+        recipe = self.envs.recipe
+        episode = recipe.episode  # a copy
+        episode.frame_skip = self.ticks
+        recipe.episode = episode
+        return recipe
 
     def command(self, actions: Array) -> Array:
         """Return the commands (N, 4) of actions (N, 4), thrust over mass in m/s^2 and rates in rad/s."""
@@ -77,11 +93,13 @@ class BetaflightEnv:
         sticks = self.bridge.sticks_for(self.command(actions))
         for _ in range(self.ticks):
             before, signals = batch.flown, self.bridge.motors(sticks)
-            result = self.envs.step(actions)
-            goes_on = ~(result[2] | result[3])
+            stepping.step(self.envs, actions)
+            goes_on = ~(batch.terminated | batch.truncated)
             batch.flown = np.where(goes_on[:, None], before, batch.flown)
             batch.fly(signals * self.bridge.full_speed_radps, ticks=1, mask=goes_on, control="rotor_speeds")
-        return result
+        if self.envs.trail is not None:
+            self.envs.trail.record()
+        return stepping.results(self.envs)
 
     def episode_infos(self, indices: Any = None) -> dict[str, Any]:
         """Return the statistics of episodes, their lengths in steps of this environment."""
@@ -97,7 +115,7 @@ class BetaflightEnv:
 
 def make(caller: str, env: Any, num_envs: int, **keywords: Any) -> BetaflightEnv:
     """Make an environment by its id or from a task, with the keywords of `DroneVectorEnv`, flown by Betaflight."""
-    usual = make_same_step(caller, env, 1, **keywords)
+    usual = make_same_step(caller, env, 1, ends_stay=True, **keywords)
     hz, episode, limit = usual.batch.clock.policy_hz, usual.recipe.episode, time_limit(usual.task)
     usual.close()
     if episode.frame_skip != 1:
@@ -105,12 +123,8 @@ def make(caller: str, env: Any, num_envs: int, **keywords: Any) -> BetaflightEnv
     ticks = int(np.ceil(TICKS_HZ / hz - 1e-9))
     steps = limit if episode.max_episode_steps is None else episode.max_episode_steps
     keywords.update(policy_hz=hz * ticks, physics_hz=hz * ticks, max_episode_steps=ticks * steps)
-    keywords.update(autoreset_mode="disabled", copy=False)
-    envs = (
-        make_by_id(env, num_envs, **keywords)
-        if isinstance(env, str)
-        else DroneVectorEnv(num_envs, task=env, **keywords)
-    )
+    keywords.update(autoreset_mode="disabled")
+    envs = make_any(env, num_envs, **keywords)
     try:
         return BetaflightEnv(envs, ticks)
     except BaseException:

@@ -8,7 +8,7 @@
 // are sent to the simulator, and the next state and sticks are received.
 //
 // If FLOCKSTEP_LOCKSTEP is not set, time is real and only ports change: the system chooses them, and they are open on this
-// machine only. Then the TCP worker waits until its port listens: otherwise it may destroy it [lib/main/dyad/dyad.c:
+// machine only. Then the TCP worker waits until its port listens: otherwise it may destroy it [../lib/main/dyad/dyad.c:
 // dyad_update].
 #define _GNU_SOURCE
 #include <arpa/inet.h>

@@ -46,6 +46,16 @@ _OF_CHANNEL: dict[str, tuple[str, ...]] = {
     "drag_x": ("drag_x", "bias_x"),
     "drag_y": ("drag_y", "bias_y"),
 }
+#: Measurements, beside commands and the force along z, without which a number is not fitted.
+_NEEDS = {
+    "inertia_x": "rates or angles",
+    "inertia_y": "rates or angles",
+    "torque_ratio": "rates or angles",
+    "spin": "rates or angles",
+    "drag_x": "an accelerometer, velocity and all three angles",
+    "drag_y": "an accelerometer, velocity and all three angles",
+    "drag_z": "velocity and angles",
+}
 #: Numbers that are fitted even if its interval is wide: small offsets about zero.
 _OFFSETS = ("delay_s", "trim_roll", "trim_pitch", "trim_yaw", "bias_x", "bias_y")
 _UNITS = {"lag_s": "s", "inertia_x": "m²", "inertia_y": "m²", "torque_ratio": "m", "spin": "m²/s", "thrust_scale": ""}
@@ -115,7 +125,7 @@ def fit(
     parameters = parameters_of(drone)
     problem = _Problem(flights, frame_of(drone), parameters)
     names = [name for name in problem.names() if name not in keep]
-    warnings: list[str] = []
+    warnings = [_lack(name, needs, drone) for name, needs in _NEEDS.items() if name not in (*problem.names(), *keep)]
     if problem.blocks < 2 * len(names):
         raise ValueError(
             f"logs: expected at least {len(names) * 2 * _BLOCK_S:g} s of flight beside take-off and landing, "
@@ -287,6 +297,11 @@ def _undetermined(
     if "thrust_2" in halves and ("thrust_0" in still or not is_sure):
         unsure += _CURVE
     return unsure
+
+
+def _lack(name: str, needs: str, like: DroneModel) -> str:
+    """Return the warning about a parameter whose measurements no log has."""
+    return f"{name}: not determined (no log has {needs}). Kept from {like.name or 'like'}"
 
 
 def _doubt(

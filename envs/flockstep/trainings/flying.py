@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from flockstep._core import EpisodeEnd
-from flockstep.evaluation import first_episodes, make_flown
+from flockstep.evaluation import first_episodes
+from flockstep.registration import make_flown
 from flockstep.task import Task
 from flockstep.trainings.training import CHOOSING_SEEDS, Array, Keywords, Training, policy_hz
 from flockstep.vector_env import DroneVectorEnv

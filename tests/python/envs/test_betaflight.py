@@ -1,9 +1,11 @@
 """Betaflight's firmware flies drones in lockstep. Without the extra ``betaflight`` only its absence is tested."""
 
+import functools
 import hashlib
 import importlib.util
 import socket
 
+import imageio.v3 as imageio
 import numpy as np
 import pytest
 from conftest import flat_batch, world_of
@@ -11,6 +13,7 @@ from messages import refused
 from scipy.spatial.transform import Rotation
 
 import flockstep
+from flockstep import stepping
 from flockstep.bridges import betaflight, betaflight_env
 from flockstep.bridges.betaflight import BetaflightBridge
 from flockstep.trainings import TRAININGS, train
@@ -67,8 +70,9 @@ def test_batches_that_do_not_fit_are_refused():
         BetaflightBridge(batch_of(), settings={"p_roll": "40\nsave"})
     with refused(ValueError, "imu"):
         BetaflightBridge(batch_of(), imu="imu")
-    with refused(ValueError, "through", "'ardupilot'"):
-        flockstep.evaluate(None, "flockstep/Race-v0", 1, through="ardupilot")
+    for fly in (flockstep.evaluate, functools.partial(flockstep.record, "flight.html")):
+        with refused(ValueError, "through", "'ardupilot'"):
+            fly(None, "flockstep/Race-v0", through="ardupilot")
 
 
 @needs_firmware
@@ -202,14 +206,13 @@ def test_actions_mean_the_same_as_in_the_task():
 def test_what_a_policy_observes_lacks_one_change_of_the_motors(monkeypatch):
     through = betaflight_env.make("evaluate", "flockstep/Race-v0", 8)
     observation, _ = through.reset(seed=3)
-    by_task, own_step = [], through.envs.step
+    by_task, own_step = [], stepping.step
 
-    def step(actions):
-        result = own_step(actions)
+    def step(envs, actions):
+        own_step(envs, actions)
         by_task.append(through.batch.flown)
-        return result
 
-    monkeypatch.setattr(through.envs, "step", step)
+    monkeypatch.setattr(stepping, "step", step)
     for _ in range(20):
         actions = np.clip(-0.5 * observation[:, -7:-3], -1, 1).astype(np.float32)  # against the rates
         observation, _, terminated, truncated, _ = through.step(actions)
@@ -228,6 +231,8 @@ def test_what_a_policy_observes_lacks_one_change_of_the_motors(monkeypatch):
         ("policy_hz", {"clock": flockstep.ClockConfig(policy_hz=50)}),
         ("through", {"observed": flockstep.ObservationConfig(history=2)}),
         ("through", {"variations": flockstep.vary(action_delay_s=0.01)}),
+        ("through", {"variations": flockstep.vary(dead_rotor=1, dead_from_s=1)}),
+        ("through", {"wind": flockstep.WindConfig(gusts="ornstein_uhlenbeck")}),
         ("through", {"frame_skip": 2}),
         ("evaluate", {"copy": True}),
     ],
@@ -237,21 +242,52 @@ def test_tasks_that_do_not_fit_are_refused(field, keywords):
         flockstep.evaluate(None, **{"env": "flockstep/Race-v0", "episodes": 1, "through": "betaflight", **keywords})
 
 
+RACE = {
+    "task": flockstep.RaceConfig(start="gate", laps=1),
+    "worlds": "race/figure-8",
+    "seed": 500_000,
+    "max_episode_steps": 600,
+}
+
+
+@pytest.fixture(scope="module")
+def racer():
+    return train(TRAININGS["race_betaflight_apg"], seed=100, threads=1)
+
+
 @needs_firmware
-def test_a_policy_trained_for_the_firmware_flies_laps_through_it():
-    model = train(TRAININGS["race_betaflight_apg"], seed=100, threads=1)
-    race = {
-        "task": flockstep.RaceConfig(start="gate", laps=1),
-        "worlds": "race/figure-8",
-        "seed": 500_000,
-        "max_episode_steps": 600,
-    }
-    real = flockstep.evaluate(model, episodes=8, through="betaflight", **race)
+def test_a_policy_trained_for_the_firmware_flies_laps_through_it(racer):
+    real = flockstep.evaluate(racer, episodes=8, through="betaflight", **RACE)
     assert real.success_rate >= 7 / 8
     assert 200 < real.episode_length < 400  # in steps of the policy
-    assert flockstep.evaluate(model, episodes=8, **race, **BY_BETAFLIGHT).success_rate >= 7 / 8
+    assert flockstep.evaluate(racer, episodes=8, **RACE, **BY_BETAFLIGHT).success_rate >= 7 / 8
     usual = flockstep.policies.load("race")
-    assert flockstep.evaluate(usual, episodes=8, through="betaflight", **race).success_rate <= 2 / 8
+    assert flockstep.evaluate(usual, episodes=8, through="betaflight", **RACE).success_rate <= 2 / 8
+
+
+@needs_firmware
+def test_an_exported_header_flies_at_500_hz_beside_the_firmware(racer, example):
+    found, difference = example("fly_header").race(racer, flights=4, laps=1)
+    assert found.success_rate == 1
+    assert 4 < found.episode_length / 500 < 6  # s of a lap from rest
+    assert difference <= 1e-6
+
+
+@needs_firmware
+def test_flights_through_the_firmware_are_recorded_in_their_own_time(racer, tmp_path):
+    plain, seen = flockstep.evaluate(racer, episodes=2, through="betaflight", **RACE), tmp_path / "flights.mcap"
+    assert flockstep.evaluate(racer, episodes=2, through="betaflight", record=seen, **RACE) == plain
+    lengths = [end.moment for end in flockstep.Recording(seen).ends]
+    assert np.mean(lengths) == plain.episode_length
+    own = {"env": "flockstep/Race-v0", "through": "betaflight", "quiet": True, **RACE}
+    assert flockstep.record(tmp_path / "flight.mcap", racer, until_success=8, **own) == lengths[0] + 1
+    flight = flockstep.Recording(tmp_path / "flight.mcap")
+    np.testing.assert_array_equal(flight["position"][:, 0], flockstep.Recording(seen)["position"][: len(flight), 0])
+    moved, velocity = np.diff(flight["position"][:-1, 0], axis=0), flight["velocity"][:-1, 0]  # it ends within a step
+    mean = (velocity[1:] + velocity[:-1]) / 2
+    np.testing.assert_allclose(moved / np.diff(flight.times_s[:-1])[:, None], mean, atol=0.1)
+    assert flockstep.record(tmp_path / "flight.gif", racer, steps=2, render_size=(64, 48), **own) == 3
+    assert imageio.immeta(tmp_path / "flight.gif")["duration"] == 20
 
 
 def test_the_pressure_is_that_of_the_standard_atmosphere():

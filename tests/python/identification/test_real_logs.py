@@ -5,7 +5,7 @@ import pytest
 from conftest import ROOT
 
 import flockstep
-from flockstep.identification import drone_data, fit, linear_map, predict, read_flights
+from flockstep.identification import drone_data, fit, linear_map, predict, read_flights, report
 
 LOGS = ROOT / "tests" / "python" / "identification" / "logs"
 
@@ -22,6 +22,7 @@ def test_thrust_answers_faster_than_the_bundled_lag():
         drone = flockstep.DroneModel.from_dict(data)
         thrust = fit([flight._replace(gyro=None)], drone, keep=["lag_s", "delay_s"])
         explained[lag_ms] = thrust.r2["thrust"]
+        assert any(warning.startswith("drag_z: not determined (no log has velocity") for warning in thrust.warnings)
     assert explained[72] > 0.95
     assert explained[145] < 0.9
 
@@ -35,10 +36,14 @@ def test_calm_flight_determines_trim_and_thrust_only():
         assert np.abs(flight.attitude[flight.free]).max() < 0.3
         # The estimated pitch leans into the acceleration: forward at first, or back.
         assert np.std(flight.attitude[flight.free, 1]) == pytest.approx(0.03, abs=0.01)
-    found = fit(flights, keep=["drag_z"])
+    found = fit(flights)
     assert {"thrust_scale", "trim_roll", "trim_pitch", "trim_yaw"} <= found.half_widths.keys()
     kept = {warning.partition(":")[0] for warning in found.warnings}
     assert {"inertia_x", "inertia_y", "torque_ratio", "lag_s", "thrust curve"} <= kept
+    # It flies at up to 0.7 m/s along x, but its pitch was not logged; vertical drag is within its own size.
+    assert {"drag_x", "drag_y", "drag_z"} <= kept
+    assert "drag_x: not determined (no log has an accelerometer, velocity and all three angles)" in report(found)
+    assert not {"drag_x", "drag_y", "drag_z"} & found.half_widths.keys()
     drone = flockstep.DroneModel.from_dict(drone_data(found))
     errors = predict(flights, drone, linear_map(drone), (0.1,), trim_s=1.0)
     assert errors.of_model["position"][0.1] < 0.01

@@ -61,7 +61,9 @@ def test_bundled_policies(name, tmp_path):
 
 
 def test_the_example_flies_a_header_at_500_hz(example):
-    assert example("fly_header").main(50) > 0.9
+    found, difference = example("fly_header").catch(50)
+    assert found.success_rate > 0.9
+    assert difference <= 1e-6
 
 
 def test_normalized_observations_far_from_zero(tmp_path):

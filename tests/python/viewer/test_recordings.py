@@ -183,8 +183,6 @@ def test_flights_that_an_evaluation_cannot_record(room, tmp_path):
     keywords = {"worlds": room, "drones_per_env": 2, "drone_episodes": "each", "record": tmp_path / "e.mcap"}
     with refused(ValueError, "record", "None", "each"):
         flockstep.evaluate(None, "flockstep/Hover-v0", 2, **keywords)
-    with refused(ValueError, "record", "None", "betaflight", "e.mcap"):
-        flockstep.evaluate(None, "flockstep/Hover-v0", 2, through="betaflight", record=tmp_path / "e.mcap")
 
 
 def test_record_writes_a_file_step_by_step_with_ros_messages(room, tmp_path):
