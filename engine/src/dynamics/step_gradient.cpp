@@ -54,8 +54,7 @@ void pull_back(const StepGradient& gradient, Control control, const StepStart& s
   HWY_DYNAMIC_DISPATCH(pull_back_lanes)(gradient, control, start, numbers, command, memory, d_flown, d_command);
 }
 
-StepGradient::StepGradient(const Fleet& fleet, int ticks_of_step)
-    : ticks(ticks_of_step), fleet_(fleet), dt_s_(fleet.clock.step_s() / ticks_of_step) {
+void StepGradient::require_derivatives(const Fleet& fleet) {
   const Control control = fleet.config.control;
   require(control == Control::rotor_speeds || control == Control::rotor_thrusts || control == Control::body_rates ||
               control == Control::velocity || control == Control::heading_velocity,
@@ -63,9 +62,13 @@ StepGradient::StepGradient(const Fleet& fleet, int ticks_of_step)
           EnumNames<Control>::kNames[static_cast<std::size_t>(control)]);
   require(fleet.num_rotors() == kRotors, "drone", "quadrotors, whose flight has derivatives",
           "one with " + std::to_string(fleet.num_rotors()) + " rotors");
+}
+
+StepGradient::StepGradient(const Fleet& fleet, int ticks_of_step)
+    : ticks(ticks_of_step), fleet_(fleet), dt_s_(fleet.clock.step_s() / ticks_of_step) {
+  require_derivatives(fleet);
   physics = Physics(fleet.airframes[0], fleet.config, dt_s_, 1);
-  for (const Airframe& frame : fleet.airframes) physics.include(Physics(frame, fleet.config, dt_s_, 1));
-  physics.include(fleet.physics);
+  physics.include(fleet.physics);  // all airframes' terms, which do not depend on the length of a tick
   physics.is_rk4 = physics.ground_effect = false;
   physics.downwash = fleet.physics.downwash;
   physics.drains = fleet.physics.drains;

@@ -52,8 +52,11 @@ struct alignas(64) StepStart {
 
 class StepGradient {
  public:
-  // ticks: of a step. Throws std::invalid_argument if an airframe or the control of the fleet has no derivative.
+  // ticks: of a step. Throws as require_derivatives() does.
   StepGradient(const Fleet& fleet, int ticks);
+
+  // Throws std::invalid_argument if an airframe or the control of a fleet has no derivative.
+  static void require_derivatives(const Fleet& fleet);
 
   // Reads the state of drones before a step, or only what flight changes.
   void read(const State& state, const LaneDrones& drones, StepStart& start) const;
