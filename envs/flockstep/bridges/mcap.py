@@ -303,10 +303,8 @@ def _static_transforms(source: Source) -> list[Message]:
     return transforms
 
 
-def add_command(commands: Any) -> None:
-    """Add ``mcap`` to the commands of ``python -m flockstep``."""
-    about = "fly an environment, or connect to a server, and record an MCAP file with ROS 2 messages"
-    parser: argparse.ArgumentParser = commands.add_parser("mcap", help=about, description=about)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command ``mcap``."""
     parser.add_argument("path", metavar="FILE", help="file to write, .mcap")
     parser.add_argument("recipe", nargs="?", type=Path, metavar="RECIPE", help="JSON file of a recipe to fly")
     text = f"id of the environment to fly without a recipe; default: {_ENV}"

@@ -5,8 +5,9 @@ from __future__ import annotations
 import base64
 import gzip
 import html
+import re
 from collections.abc import Sequence
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from flockstep.viewer.packing import pack
 
 _TEMPLATE = Path(__file__).with_name("page.html")
 _PLACE = "<!-- flights -->"
+_BLOCK = '<script type="application/gzip">{}</script>'
 
 
 def is_built() -> bool:
@@ -37,18 +39,42 @@ def template() -> str:
         raise FileNotFoundError(f"{_TEMPLATE.name}: this build of flockstep has no page for replays; {hint}") from None
 
 
-def page(recordings: Sequence[Recording]) -> str:
-    """Return the text of a page that shows one recording, or two: the second as a ghost, or side by side."""
+def flight_in(path: str | PathLike[str]) -> Recording | str:
+    """Return the recording of a file ``.mcap``, or the first flight of a page, as it stands there.
+
+    Raises
+    ------
+    ValueError
+        The file is neither.
+    """
+    if Path(path).suffix.lower() != ".html":
+        return Recording(path)
+    text = Path(path).read_bytes()
+    found = re.search(_BLOCK.format(r"([\w+/=\s]+)").encode(), text)
+    if found is None or not text.rstrip().endswith(b"</html>"):  # or it was cut short
+        raise ValueError(f"path: expected a page that replays a flight, got {fspath(path)!r}")
+    return found[1].decode()
+
+
+def page(recordings: Sequence[Recording | str]) -> str:
+    """Return the text of a page that shows one recording, or two: the second as a ghost, or side by side.
+
+    Those of other pages are texts of `flight_in`.
+    """
     if not 1 <= len(recordings) <= 2:
         raise ValueError(f"recordings: expected one or two, got {len(recordings)}")
     before, found, after = template().partition(_PLACE)
     assert found, "the page has no place for flights"
-    flights = (base64.b64encode(gzip.compress(pack(recording), 6, mtime=0)).decode() for recording in recordings)
-    blocks = "\n".join(f'<script type="application/gzip">{flight}</script>' for flight in flights)
-    return before + blocks + after
+    return before + "\n".join(_BLOCK.format(_flight(recording)) for recording in recordings) + after
 
 
-def write(path: str | PathLike[str], recordings: Sequence[Recording]) -> None:
+def _flight(recording: Recording | str) -> str:
+    if isinstance(recording, str):
+        return recording
+    return base64.b64encode(gzip.compress(pack(recording), 6, mtime=0)).decode()
+
+
+def write(path: str | PathLike[str], recordings: Sequence[Recording | str]) -> None:
     """Write a page, completely or not at all."""
     text = page(recordings)
     part = Path(f"{path}.part")
