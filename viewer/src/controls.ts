@@ -1,6 +1,6 @@
 // Buttons, lists and keys around the view. Every text of a recording becomes textContent: it is never markup.
 
-import type { EpisodeEnd, Flight } from "./flight";
+import type { CameraInfo, EpisodeEnd, Flight } from "./flight";
 
 export const element = <Kind extends HTMLElement>(id: string): Kind => document.getElementById(id) as Kind;
 
@@ -111,20 +111,23 @@ export function bindKeys(keys: Key[]): void {
   });
 }
 
-/** Shows the latest image of a drone's camera. */
+/** Shows the latest image of one camera of a drone. */
 export class ImagePanel {
   private shown = -2;
-  private readonly box = element("images");
-  private readonly canvas = this.box.querySelector("canvas")!;
-  private readonly caption = this.box.querySelector("figcaption")!;
+  private readonly canvas = document.createElement("canvas");
+  private readonly caption = document.createElement("figcaption");
 
-  constructor(private readonly flight: Flight) {
-    this.box.hidden = flight.cameras.length === 0;
+  constructor(
+    private readonly flight: Flight,
+    private readonly camera: CameraInfo,
+  ) {
+    const figure = document.createElement("figure");
+    figure.append(this.canvas, this.caption);
+    element("images").append(figure);
   }
 
   update(drone: number, step: number): void {
-    const camera = this.flight.cameras[0];
-    if (!camera) return;
+    const { camera } = this;
     const frames = this.flight.column(camera.frames)!;
     const index = frames.values[step * this.flight.drones + drone];
     if (index === this.shown) return;

@@ -76,11 +76,12 @@ interface Header {
   rows: number;
   worlds: (Omit<WorldInfo, "glb"> & { glb: [number, number] })[];
   bodies: (Omit<BodyInfo, "glb"> & { glb: [number, number] })[];
-  drone: { name: string; glb: [number, number]; spins: number[]; hubs: number[][]; rotor_m: number };
+  drone: { name: string; glb: [number, number]; hull?: [number, number]; spins: number[]; hubs: number[][]; rotor_m: number };
   scanners: LidarInfo[];
   cameras: CameraInfo[];
   curves: Curves[];
   ends: EpisodeEnd[];
+  paths?: number[][][];
   arrays: { name: string; dtype: string; shape: number[]; at: number; scale: number; offset: number; none: number | null }[];
 }
 
@@ -103,11 +104,14 @@ export class Flight {
   readonly drones: number;
   readonly worlds: WorldInfo[];
   readonly bodies: BodyInfo[];
-  readonly drone: Omit<Header["drone"], "glb"> & { glb: Uint8Array };
+  /** The hull is what collides; null if it is also what is shown. */
+  readonly drone: Omit<Header["drone"], "glb" | "hull"> & { glb: Uint8Array; hull: Uint8Array | null };
   readonly lidars: LidarInfo[];
   readonly cameras: CameraInfo[];
   readonly curves: Curves[];
   readonly ends: EpisodeEnd[];
+  /** Planned paths of points, one for each env in turn. */
+  readonly paths: number[][][];
   private readonly columns = new Map<string, Column>();
   /** First step of the episode of each drone at each of its ends, ascending. */
   private readonly breaks: number[][];
@@ -127,11 +131,13 @@ export class Flight {
     this.drones = this.envs * this.perEnv;
     this.worlds = header.worlds.map((world) => ({ ...world, glb: bytes(world.glb) }));
     this.bodies = header.bodies.map((body) => ({ ...body, glb: bytes(body.glb) }));
-    this.drone = { ...header.drone, glb: bytes(header.drone.glb) };
+    const { glb, hull } = header.drone;
+    this.drone = { ...header.drone, glb: bytes(glb), hull: hull && hull[0] !== glb[0] ? bytes(hull) : null };
     this.lidars = header.scanners;
     this.cameras = header.cameras;
     this.curves = header.curves;
     this.ends = header.ends;
+    this.paths = header.paths ?? [];
     for (const { dtype, at, ...column } of header.arrays) {
       const length = column.shape.reduce((product, side) => product * side, 1);
       const Kind = kinds[dtype];

@@ -25,7 +25,7 @@ class Page {
     seconds: 0,
     sideBySide: false,
     ghost: true,
-    layers: { beams: true, frustum: true, contacts: true, trails: true, roof: false, markers: true, peephole: true },
+    layers: { beams: true, frustum: true, contacts: true, path: true, trails: true, hull: false, roof: false, markers: true, peephole: true },
   };
   speed = 1;
   isPlaying = false;
@@ -40,7 +40,7 @@ class Page {
   readonly viewer: Viewer;
   readonly stage: Stage;
   private readonly curves: CurvePanel;
-  private readonly images: ImagePanel;
+  private readonly images: ImagePanel[];
   private readonly buttons = new Map<string, HTMLButtonElement>();
 
   constructor(readonly flights: Flight[]) {
@@ -49,7 +49,7 @@ class Page {
     this.viewer = new Viewer(element("view"), () => this.invalidate());
     this.stage = new Stage(element("view"), this.viewer, () => this.invalidate());
     this.curves = new CurvePanel(this.flight, element("chips"), element("curves"), (seconds) => this.seek(seconds));
-    this.images = new ImagePanel(this.flight);
+    this.images = this.flight.cameras.map((camera) => new ImagePanel(this.flight, camera));
     const camera = this.flight.cameras[0];
     if (camera) {
       const [w, x, y, z] = camera.quat_wxyz;
@@ -140,10 +140,12 @@ class Page {
     this.fillDrones();
     const layers: [keyof Choice["layers"], string, boolean][] = [
       ["trails", "Trail", true],
+      ["path", "Planned path", flight.paths.length > 0],
       ["beams", "Beams", flight.lidars.length > 0],
       ["frustum", "Frustum", flight.cameras.length > 0],
       ["contacts", "Contacts", true],
       ["markers", "Markers", true],
+      ["hull", "Hull", flight.drone.hull !== null],
       ["roof", "Roof", flight.worlds.some((world) => world.cut_m !== null)],
       ["peephole", "See through", true],
     ];
@@ -201,6 +203,8 @@ class Page {
       { keys: ["n"], shown: "N P", about: "next and previous drone", act: () => this.choose(this.choice.drone + 1) },
       { keys: ["b"], shown: "B", about: "LiDAR beams", act: () => press("beams") },
       { keys: ["t"], shown: "T", about: "trail", act: () => press("trails") },
+      { keys: ["l"], shown: "L", about: "planned path", act: () => press("path") },
+      { keys: ["m"], shown: "M", about: "hull: what collides, instead of the drone's mesh", act: () => press("hull") },
       { keys: ["r"], shown: "R", about: "roof", act: () => press("roof") },
       { keys: ["g"], shown: "G", about: "ghost: the second flight in the same view", act: () => press("ghost") },
       { keys: ["c"], shown: "C", about: "side by side", act: () => press("side") },
@@ -259,7 +263,7 @@ class Page {
     element("clock").textContent = `${choice.seconds.toFixed(2)} / ${this.total.toFixed(1)} s`;
     drawTicks(element("ticks"), flight, choice.seconds, this.total, flight.rowOf(choice.drone));
     this.curves.update(choice.seconds);
-    this.images.update(choice.drone, step);
+    for (const panel of this.images) panel.update(choice.drone, step);
     this.describe(step);
     this.describeGhost();
     this.drawn++;

@@ -3,6 +3,8 @@
 import * as THREE from "three";
 import { LineSegments2 } from "three/examples/jsm/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/examples/jsm/lines/LineSegmentsGeometry.js";
+import { Line2 } from "three/examples/jsm/lines/Line2.js";
+import { LineGeometry } from "three/examples/jsm/lines/LineGeometry.js";
 import { LineMaterial } from "three/examples/jsm/lines/LineMaterial.js";
 import { parts } from "./glb";
 import type { Drones } from "./drones";
@@ -16,6 +18,7 @@ export interface Layers {
   beams: boolean;
   frustum: boolean;
   contacts: boolean;
+  path: boolean;
 }
 
 export class Overlays {
@@ -25,6 +28,7 @@ export class Overlays {
   private readonly frustum: LineSegments2;
   private readonly contacts: THREE.Sprite[] = [];
   private readonly bodies: THREE.Group[] = [];
+  private readonly paths: Line2[];
 
   private constructor(private readonly flight: Flight) {
     const beams = new THREE.BufferGeometry();
@@ -34,8 +38,10 @@ export class Overlays {
     const hits = new THREE.BufferGeometry();
     hits.setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * mostBeams), 3).setUsage(THREE.DynamicDrawUsage));
     this.hits = new THREE.Points(hits, new THREE.PointsMaterial({ color: 0xffd9a0, map: glow(0).map, size: 13, sizeAttenuation: false, depthWrite: false, transparent: true, opacity: 0.95 }));
-    this.frustum = new LineSegments2(new LineSegmentsGeometry().setPositions(new Float32Array(6 * 8)), new LineMaterial({ color: 0xc88cff, linewidth: 1.5, transparent: true, opacity: 0.8 }));
-    for (const shown of [this.beams, this.hits, this.frustum]) {
+    this.frustum = new LineSegments2(new LineSegmentsGeometry().setPositions(new Float32Array(6 * 8 * Math.max(flight.cameras.length, 1))), new LineMaterial({ color: 0xc88cff, linewidth: 1.5, transparent: true, opacity: 0.8 }));
+    const dashes = new LineMaterial({ color: 0xffffff, linewidth: 2, dashed: true, dashSize: 0.18, gapSize: 0.12, transparent: true, opacity: 0.75 });
+    this.paths = flight.paths.map((points) => new Line2(new LineGeometry().setPositions(points.flat()), dashes).computeLineDistances());
+    for (const shown of [this.beams, this.hits, this.frustum, ...this.paths]) {
       shown.frustumCulled = false;
       this.group.add(shown);
     }
@@ -61,7 +67,7 @@ export class Overlays {
   }
 
   setResolution(width: number, height: number): void {
-    this.frustum.material.resolution.set(width, height);
+    for (const line of [this.frustum, ...this.paths]) line.material.resolution.set(width, height);
   }
 
   update(drone: number, env: number, seconds: number, drones: Drones, layers: Layers): void {
@@ -69,7 +75,8 @@ export class Overlays {
     const step = this.flight.stepAt(seconds);
     this.updateBeams(layers.beams ? this.flight.lidars : [], drone, step, pose);
     this.frustum.visible = layers.frustum && !!pose && this.flight.cameras.length > 0;
-    if (this.frustum.visible) this.updateFrustum(this.flight.cameras[0], pose!);
+    if (this.frustum.visible) this.frustum.geometry.setPositions(this.flight.cameras.flatMap((camera) => this.frustumOf(camera, pose!)));
+    for (const [i, line] of this.paths.entries()) line.visible = layers.path && i === env % this.paths.length;
     this.updateContacts(layers.contacts, drones, step);
     this.updateBodies(env, seconds);
   }
@@ -111,7 +118,7 @@ export class Overlays {
     for (const attribute of [ends, colors, hits]) attribute.needsUpdate = true;
   }
 
-  private updateFrustum(camera: CameraInfo, pose: Float64Array): void {
+  private frustumOf(camera: CameraInfo, pose: Float64Array): number[] {
     const reach = 1.2;
     const [half, high] = camera.tangents.map((tangent) => reach * tangent);
     const turn = new THREE.Quaternion(pose[3], pose[4], pose[5], pose[6]);
@@ -123,8 +130,7 @@ export class Overlays {
       new THREE.Vector3(forward, left, up).applyQuaternion(mount).add(offset).applyQuaternion(turn).add(body);
     const eye = place(0, 0, 0);
     const corners = [place(reach, half, high), place(reach, -half, high), place(reach, -half, -high), place(reach, half, -high)];
-    const numbers = corners.flatMap((corner, i) => [...eye, ...corner, ...corner, ...corners[(i + 1) % 4]]);
-    this.frustum.geometry.setPositions(numbers);
+    return corners.flatMap((corner, i) => [...eye, ...corner, ...corner, ...corners[(i + 1) % 4]]);
   }
 
   /** Lights up where drones touched something, for a moment. */

@@ -14,7 +14,7 @@ export interface Choice {
   seconds: number;
   sideBySide: boolean;
   ghost: boolean;
-  layers: Layers & { trails: boolean; roof: boolean; markers: boolean; peephole: boolean };
+  layers: Layers & { trails: boolean; hull: boolean; roof: boolean; markers: boolean; peephole: boolean };
 }
 
 class Part {
@@ -134,7 +134,7 @@ export class Stage {
       const seconds = Math.min(choice.seconds, part.flight.seconds);
       const drones = part.chosen({ ...choice, env, seconds });
       const hidden = this.viewer.mode === "eye" ? part.drone : null;
-      part.drones.update({ flight: part.flight, drones, seconds, hidden }, { trails: choice.layers.trails, shadows: true });
+      part.drones.update({ flight: part.flight, drones, seconds, hidden }, { trails: choice.layers.trails, shadows: true, hull: choice.layers.hull });
       part.overlays.update(part.drone, env, seconds, part.drones, choice.layers);
       part.world?.showMarkers(choice.layers.markers);
       if (i === 0) shown = part.drones.poses.size;

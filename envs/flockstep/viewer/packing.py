@@ -133,6 +133,7 @@ def pack(recording: Recording) -> bytes:
             }
             for end in recording.ends
         ],
+        "paths": settings["paths"],
     }
     return packer.packed(header)
 
@@ -196,17 +197,15 @@ def _place(place: npt.ArrayLike | None) -> list[float] | None:
 
 def _drone(packer: _Packer, drone: DroneModel, mesh: DroneMesh | None) -> dict[str, Any]:
     is_quadrotor = mesh is None and drone.to_dict().get("rotors") is not None
-    if mesh is not None:
-        shown = mesh
-    elif is_quadrotor:
-        shown = DroneMesh._quadrotor(drone, _COLORS, propellers=False)
-    else:
-        hull = np.asarray(drone.hull, float)
-        shown = DroneMesh(hull, hull_faces(hull), _HULL)
+    vertices = np.asarray(drone.hull, float)
+    hull = DroneMesh(vertices, hull_faces(vertices), _HULL)
+    if is_quadrotor:
+        mesh = DroneMesh._quadrotor(drone, _COLORS, propellers=False)
     hubs, spins, radius = rotors_of(drone) if is_quadrotor else (np.zeros((0, 3)), [], 0.0)
     return {
         "name": drone.name,
-        "glb": packer.place(shown.world().to_glb()),
+        "glb": packer.place((mesh or hull).world().to_glb()),
+        "hull": packer.place(hull.world().to_glb()),
         "hubs": hubs.tolist(),
         "spins": [1 if spin == "ccw" else -1 for spin in spins],
         "rotor_m": radius,

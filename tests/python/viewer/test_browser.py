@@ -69,11 +69,11 @@ def drawn(tab, code):
     wait(tab, f"flockstep.page.drawn > {before}")
 
 
-def captured(steps, num_envs=1, seed=0, **keywords):
+def captured(steps, num_envs=1, seed=0, paths=(), **keywords):
     envs = flockstep.DroneVectorEnv(num_envs, **{"autoreset_mode": "disabled", **keywords})
     envs.action_space.seed(seed)
     envs.reset(seed=seed)
-    capture = Capture(envs)
+    capture = Capture(envs, paths=paths)
     capture.add()
     for _ in range(steps):
         actions = envs.action_space.sample()
@@ -268,3 +268,51 @@ def test_a_swarm_is_drawn_by_few_calls(tab, tmp_path):
     drawn(tab, "flockstep.page.seek(0.2)")
     assert tab.evaluate("flockstep.page.stage.parts[0].drones.poses.size") == 300
     assert tab.evaluate("flockstep.page.stage.renderer.info.render.calls") < 40
+
+
+def test_hull_cameras_and_planned_paths(tab, tmp_path):
+    cameras = [
+        flockstep.CameraConfig(name=name, width_px=16 * number, height_px=8, rate_hz=10)
+        for number, name in ((1, "front"), (2, "down"))
+    ]
+    paths = [[(2, 2, 1), (3, 4, 2), (6, 4, 2)], [(1, 1, 1), (1, 1, 3)]]
+    task = flockstep.HoverConfig()  # its drones have rotors
+    recording = captured(4, num_envs=2, worlds="playground/train-1", camera=cameras, task=task, paths=paths)
+    recording.save(tmp_path / "a.html")
+    opened(tab, tmp_path / "a.html")
+
+    wait(tab, "[...document.querySelectorAll('#images canvas')].map(image => image.width) == '16,32'")
+    assert tab.locator("#images figcaption").all_inner_texts() == ["front", "down"]
+
+    shown = "flockstep.page.stage.parts[0].overlays.paths.map(path => path.visible)"
+    assert tab.evaluate(shown) == [True, False]
+    segments = tab.evaluate(
+        """['instanceStart', 'instanceEnd'].map(name => [0, 1].map(i => {
+            const place = flockstep.page.stage.parts[0].overlays.paths[0].geometry.getAttribute(name);
+            return [place.getX(i), place.getY(i), place.getZ(i)];
+        }))"""
+    )
+    assert segments == [[list(point) for point in paths[0][:2]], [list(point) for point in paths[0][1:]]]
+    drawn(tab, "flockstep.page.choose(1)")
+    assert tab.evaluate(shown) == [False, True]
+    tab.keyboard.press("l")
+    drawn(tab, "flockstep.page.seek(0.02)")
+    assert tab.evaluate(shown) == [False, False]
+
+    places = """(() => {
+        const drones = flockstep.page.stage.parts[0].drones;
+        const corners = [...drones.body, ...drones.hull].filter(mesh => mesh.visible).flatMap(mesh => {
+            const place = mesh.geometry.getAttribute('position');
+            return Array.from({length: place.count}, (_, i) => [place.getX(i), place.getY(i), place.getZ(i)]);
+        });
+        return [corners, [...drones.blades, drones.discs].map(mesh => mesh.visible)];
+    })()"""
+    corners, turning = tab.evaluate(places)
+    hull = np.asarray(flockstep.DroneVectorEnv(1, worlds="playground/train-1", task=task).batch.drone.hull)
+    assert turning == [True, True, True]
+    assert len(corners) > 10 * len(hull)
+    tab.keyboard.press("m")
+    drawn(tab, "flockstep.page.seek(0.04)")
+    corners, turning = tab.evaluate(places)
+    assert turning == [False, False, False]
+    np.testing.assert_allclose(np.unique(np.round(corners, 5), axis=0), np.unique(np.round(hull, 5), axis=0), atol=2e-5)
