@@ -30,7 +30,7 @@ _COMMANDS = {
     ),
     "record": (
         "trainings.command:add_record",
-        "film a flight of a policy that no training uses; needs the extra film",
+        "film a flight of a policy that no training uses, or write a page or a file for view",
     ),
     "view": (
         "viewer.command:add_arguments",

@@ -53,7 +53,8 @@ def add_record(parser: argparse.ArgumentParser) -> None:
     _add_training(parser, _record)
     parser.add_argument("policy", metavar="POLICY", help=_KNOWN)
     _add_learner(parser)
-    parser.add_argument("film", metavar="FILM", nargs="?", type=Path, help=".mp4 or .gif; default: TRAINING.mp4")
+    kinds = ".mp4, .gif, .html or .mcap; default: TRAINING.mp4"
+    parser.add_argument("film", metavar="FILM", nargs="?", type=Path, help=kinds)
     parser.add_argument("--seed", type=int, default=UNSEEN_SEEDS.start, help="seed of the flight")
 
 

@@ -1,0 +1,33 @@
+"""``examples/viser_live.py`` with a server that only notes what it is told: viser is no dependency."""
+
+from contextlib import nullcontext
+from types import SimpleNamespace
+
+import numpy as np
+
+
+class Scene:
+    """Notes the scene as viser would show it."""
+
+    def set_up_direction(self, direction):
+        self.up = direction
+
+    def add_glb(self, name, glb):
+        self.world = glb
+
+    def add_batched_glb(self, name, glb, *, batched_wxyzs, batched_positions):
+        self.mesh, self.first = glb, batched_positions
+        self.drones = SimpleNamespace(batched_wxyzs=batched_wxyzs, batched_positions=batched_positions)
+        return self.drones
+
+
+def test_it_shows_every_drone_where_it_is(example):
+    scene = Scene()
+    envs = example("viser_live").fly(SimpleNamespace(scene=scene, atomic=nullcontext), num_envs=3, steps=2)
+    assert scene.up == "+z"
+    assert scene.world == envs.batch.world_of(0).to_glb()
+    assert scene.mesh[:4] == b"glTF"
+    np.testing.assert_array_equal(scene.drones.batched_positions, envs.batch.position)
+    np.testing.assert_array_equal(scene.drones.batched_wxyzs, envs.batch.quat_wxyz)
+    assert (scene.first != envs.batch.position).any()
+    envs.close()
