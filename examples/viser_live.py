@@ -9,13 +9,19 @@ import argparse
 import time
 from typing import Any
 
+import numpy as np
+
 import flockstep
 
 
 def show(server: Any, envs: flockstep.DroneVectorEnv) -> Any:
     """Show the world and the drones; return the drones, whose poses can be set."""
     server.scene.set_up_direction("+z")
-    server.scene.add_glb("/world", envs.batch.world_of(0).to_glb())
+    world = envs.batch.world_of(0)
+    low, high = np.asarray(world.bounds)
+    server.initial_camera.position = low + [0.1, 0.1, 0.85] * (high - low)  # in a corner, below the ceiling
+    server.initial_camera.look_at = low + [0.5, 0.5, 0.2] * (high - low)
+    server.scene.add_glb("/world", world.to_glb())
     mesh = flockstep.DroneMesh.quadrotor(envs.batch.drone).world()
     poses = {"batched_positions": envs.batch.position.copy(), "batched_wxyzs": envs.batch.quat_wxyz.copy()}
     return server.scene.add_batched_glb("/drones", mesh.to_glb(), **poses)

@@ -23,7 +23,10 @@ class Scene:
 
 def test_it_shows_every_drone_where_it_is(example):
     scene = Scene()
-    envs = example("viser_live").fly(SimpleNamespace(scene=scene, atomic=nullcontext), num_envs=3, steps=2)
+    server = SimpleNamespace(scene=scene, atomic=nullcontext, initial_camera=SimpleNamespace())
+    envs = example("viser_live").fly(server, num_envs=3, steps=2)
+    low, high = envs.batch.world_of(0).bounds
+    assert (low < server.initial_camera.position).all() and (server.initial_camera.position < high).all()
     assert scene.up == "+z"
     assert scene.world == envs.batch.world_of(0).to_glb()
     assert scene.mesh[:4] == b"glTF"
