@@ -21,10 +21,10 @@ def show(server: Any, envs: flockstep.DroneVectorEnv) -> Any:
     low, high = np.asarray(world.bounds)
     server.initial_camera.position = low + [0.1, 0.1, 0.85] * (high - low)  # in a corner, below the ceiling
     server.initial_camera.look_at = low + [0.5, 0.5, 0.2] * (high - low)
-    server.scene.add_glb("/world", world.to_glb())
-    mesh = flockstep.DroneMesh.quadrotor(envs.batch.drone).world()
-    poses = {"batched_positions": envs.batch.position.copy(), "batched_wxyzs": envs.batch.quat_wxyz.copy()}
-    return server.scene.add_batched_glb("/drones", mesh.to_glb(), **poses)
+    server.scene.add_glb("/world", world.to_glb(), wxyz=(0.5**0.5, 0.5**0.5, 0, 0))  # in glTF files y points up
+    mesh = flockstep.DroneMesh.quadrotor(envs.batch.drone)
+    wxyzs, positions = envs.batch.quat_wxyz.copy(), envs.batch.position.copy()
+    return server.scene.add_batched_meshes_simple("/drones", mesh.vertices, mesh.triangles, wxyzs, positions)
 
 
 def fly(server: Any, num_envs: int = 64, steps: int = 10_000) -> flockstep.DroneVectorEnv:

@@ -5,6 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from flockstep import rotations
+
 
 class Scene:
     """Notes the scene as viser would show it."""
@@ -12,11 +14,11 @@ class Scene:
     def set_up_direction(self, direction):
         self.up = direction
 
-    def add_glb(self, name, glb):
-        self.world = glb
+    def add_glb(self, name, glb, *, wxyz):
+        self.world, self.world_wxyz = glb, wxyz
 
-    def add_batched_glb(self, name, glb, *, batched_wxyzs, batched_positions):
-        self.mesh, self.first = glb, batched_positions
+    def add_batched_meshes_simple(self, name, vertices, faces, batched_wxyzs, batched_positions):
+        self.triangles, self.first = vertices[faces], batched_positions
         self.drones = SimpleNamespace(batched_wxyzs=batched_wxyzs, batched_positions=batched_positions)
         return self.drones
 
@@ -29,7 +31,9 @@ def test_it_shows_every_drone_where_it_is(example):
     assert (low < server.initial_camera.position).all() and (server.initial_camera.position < high).all()
     assert scene.up == "+z"
     assert scene.world == envs.batch.world_of(0).to_glb()
-    assert scene.mesh[:4] == b"glTF"
+    np.testing.assert_allclose(rotations.rotate(np.array(scene.world_wxyz), np.array([0, 1, 0])), [0, 0, 1], atol=1e-9)
+    assert scene.triangles.shape[1:] == (3, 3)
+    assert np.ptp(scene.triangles[..., 2]) < 0.5 * np.ptp(scene.triangles[..., 0])  # a drone is flat along z
     np.testing.assert_array_equal(scene.drones.batched_positions, envs.batch.position)
     np.testing.assert_array_equal(scene.drones.batched_wxyzs, envs.batch.quat_wxyz)
     assert (scene.first != envs.batch.position).any()
