@@ -6,6 +6,7 @@ import asyncio
 import importlib
 import logging
 import os
+import runpy
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -116,6 +117,22 @@ def example(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], ModuleType]:
     """Import a script of examples/ by name."""
     monkeypatch.syspath_prepend(str(ROOT / "examples"))
     return importlib.import_module
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[Any, str, str]]:
+    """Run the command ``flockstep``: returns its exit status or message, standard output and standard error."""
+
+    def run(*arguments: object) -> tuple[Any, str, str]:
+        monkeypatch.setattr(sys, "argv", ["flockstep", *map(str, arguments)])
+        status: Any = 0
+        try:
+            runpy.run_module("flockstep", run_name="__main__")
+        except SystemExit as stop:
+            status = stop.code
+        return status, *capsys.readouterr()
+
+    return run
 
 
 @pytest.fixture(params=["blocking", "asyncio"])

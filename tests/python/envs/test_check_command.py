@@ -5,8 +5,6 @@ import sys
 
 import pytest
 
-from flockstep import __main__ as command
-
 TASK = """
 import numpy as np
 from gymnasium import spaces
@@ -29,19 +27,13 @@ class Paid(flockstep.Task):
 
 
 @pytest.fixture
-def check(monkeypatch, capsys, tmp_path):
+def check(monkeypatch, command, tmp_path):
     """A function that checks the task of a text; it returns the exit status, standard output and standard error."""
     monkeypatch.setattr(sys, "path", list(sys.path))
 
     def run(text, *options, name=""):
         (tmp_path / "mine.py").write_text(text)
-        monkeypatch.setattr(sys, "argv", ["flockstep", "check", f"{tmp_path / 'mine.py'}{name}", *options])
-        try:
-            command.main()
-            status = 0
-        except SystemExit as stop:
-            status = stop.code
-        return status, *capsys.readouterr()
+        return command("check", f"{tmp_path / 'mine.py'}{name}", *options)
 
     return run
 

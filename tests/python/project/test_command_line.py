@@ -9,63 +9,52 @@ import sys
 import pytest
 from conftest import ROOT
 
-from flockstep import __main__ as command
 from flockstep import doctor
 
+COMMANDS = ["doctor", "check", "train", "evaluate", "record", "view", "serve", "ardupilot", "mcap", "identify"]
+PARTS = ("flockstep.trainings", "flockstep.bridges", "flockstep.identification", "flockstep.testing")
 HEAVY = ("torch", "stable_baselines3", "matplotlib", "PIL", "scipy", "google.protobuf", "websockets", "mcap")
 
 
-def ran(monkeypatch, capsys, *arguments):
-    """Run the command in this process; return its exit status, standard output and standard error."""
-    monkeypatch.setattr(sys, "argv", ["flockstep", *map(str, arguments)])
+def test_help_imports_no_command_and_nothing_heavy():
+    code = f"""
+import sys
+from flockstep.__main__ import main
+def shown(*arguments):
+    sys.argv = ["flockstep", *arguments]
     try:
-        command.main()
-        status = 0
+        main()
     except SystemExit as stop:
-        status = stop.code
-    return status, *capsys.readouterr()
-
-
-def test_help_imports_no_commands_and_nothing_heavy():
-    code = (
-        "import sys\nfrom flockstep.__main__ import main\nsys.argv = ['flockstep', '--help']\n"
-        f"try:\n    main()\nfinally:\n    print([name for name in {HEAVY} if name in sys.modules])\n"
-        "    print([name for name in ('flockstep.trainings', 'flockstep.bridges', 'flockstep.identification', "
-        "'flockstep.testing') if name in sys.modules])"
-    )
+        assert stop.code == 0
+shown("--help")
+print([name for name in {(*HEAVY, *PARTS)} if name in sys.modules])
+for name in {COMMANDS}:
+    shown(name, "--help")
+print("torch" in sys.modules)
+"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.stdout.splitlines()[-2:] == ["[]", "[]"], done.stdout + done.stderr
-    listed = re.findall(r"^    (\w+)  ", done.stdout, re.MULTILINE)
-    assert listed == list(command._COMMANDS)
-
-
-@pytest.mark.parametrize("name", list(command._COMMANDS))
-def test_every_command_has_a_help_without_torch(name):
-    code = (
-        f"import sys\nfrom flockstep.__main__ import main\nsys.argv = ['flockstep', '{name}', '--help']\n"
-        "try:\n    main()\nfinally:\n    print('torch' in sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.stdout.startswith(f"usage: flockstep {name} ")
-    assert done.stdout.endswith("False\n")
+    first, rest = done.stdout.split("\n[]\n")
+    assert re.findall(r"^    (\w+)  ", first, re.MULTILINE) == COMMANDS
+    assert re.findall(r"^usage: flockstep (\w+) ", rest, re.MULTILINE) == COMMANDS
+    assert rest.endswith("\nFalse\n")
 
 
 def test_the_script_is_installed():
     (script,) = importlib.metadata.entry_points(group="console_scripts", name="flockstep")
-    assert script.load() is command.main
+    assert script.value == "flockstep.__main__:main"
     assert f'flockstep = "{script.value}"' in (ROOT / "pyproject.toml").read_text()
 
 
-def test_the_doctor_in_json(monkeypatch, capsys):
+def test_the_doctor_in_json(monkeypatch, command):
     monkeypatch.setattr(doctor, "report", lambda: [("flockstep", "1.2.3, in /a"), ("torch", 'missing: "\n')])
-    status, out, _ = ran(monkeypatch, capsys, "doctor", "--json")
+    status, out, _ = command("doctor", "--json")
     assert (status, json.loads(out)) == (0, {"flockstep": "1.2.3, in /a", "torch": 'missing: "\n'})
 
 
-def test_evaluate_in_json(monkeypatch, capsys):
+def test_evaluate_in_json(command):
     asked = ("evaluate", "hover", "controller", "--flights", "8")
-    status, text, _ = ran(monkeypatch, capsys, *asked)
-    _, out, _ = ran(monkeypatch, capsys, *asked, "--json")
+    status, text, _ = command(*asked)
+    _, out, _ = command(*asked, "--json")
     found = json.loads(out)
     assert status == 0
     assert [found[name] for name in ("training", "policy", "flights")] == ["hover", "controller", 8]
@@ -79,9 +68,9 @@ def test_evaluate_in_json(monkeypatch, capsys):
         (KeyboardInterrupt(), 130, ""),
     ],
 )
-def test_what_a_command_raises_is_a_line(monkeypatch, capsys, raised, status, text):
+def test_what_a_command_raises_is_a_line(monkeypatch, command, raised, status, text):
     def raise_it(*_):
         raise raised
 
     monkeypatch.setattr(doctor, "report", raise_it)
-    assert ran(monkeypatch, capsys, "doctor") == (status, text, "")
+    assert command("doctor") == (status, text, "")

@@ -6,29 +6,17 @@ import numpy as np
 import pytest
 from test_recordings import flown, header_of, needs_page
 
-from flockstep import __main__ as command
-
 pytestmark = needs_page
 
 
 @pytest.fixture
-def view(monkeypatch, capsys):
+def view(monkeypatch, command):
     """A function that runs the command; it returns the exit status, standard output and the opened addresses."""
     opened = []
     monkeypatch.setattr("webbrowser.open", opened.append)
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["flockstep", "view", *map(str, arguments)])
-        try:
-            command.main()
-            status = 0
-        except SystemExit as stop:
-            status = stop.code
-        return status, capsys.readouterr().out, opened
-
-    return run
+    return lambda *arguments: (*command("view", *arguments)[:2], opened)
 
 
 @pytest.fixture(scope="module")
