@@ -47,8 +47,11 @@ def flight_in(path: str | PathLike[str]) -> Recording | str:
     ValueError
         The file is neither.
     """
-    if Path(path).suffix.lower() != ".html":
+    suffix = Path(path).suffix.lower()
+    if suffix == ".mcap":
         return Recording(path)
+    if suffix != ".html":
+        raise ValueError(f"path: expected a name that ends with .html or .mcap, got {fspath(path)!r}")
     text = Path(path).read_bytes()
     found = re.search(_BLOCK.format(r"([\w+/=\s]+)").encode(), text)
     if found is None or not text.rstrip().endswith(b"</html>"):  # or it was cut short

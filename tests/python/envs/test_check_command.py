@@ -112,5 +112,5 @@ def test_worlds_of_a_task_that_declares_none(check):
     status, *_ = check(TASK.replace('worlds = "playground/train-1"', "worlds = None"))
     assert "declares no worlds" in status
     text = TASK.replace('worlds = "playground/train-1"', "worlds = None")
-    status, out, _ = check(text, "--worlds", "playground/train-1", "--episodes", "1")
+    status, out, _ = check(text, "--worlds", "playground/train-1", "playground/train-2", "--episodes", "1")
     assert (status, "FAILED" in out) == (0, False)

@@ -71,6 +71,7 @@ def test_what_is_no_recording_is_refused_before_a_page_is_written(view, files, t
         status, out, _ = view(tmp_path / name)
         assert status.startswith("flockstep view: ")
         assert out == ""
+    assert status == f"flockstep view: path: expected a name that ends with .html or .mcap, got '{tmp_path}/flight.txt'"
     for wrong, words in (("page.txt", "expected a name that ends with .html"), ("a.html", "expected another file")):
         status, *_ = view(files / "a.html", files / "b.html", "--out", files / wrong)
         assert words in status
