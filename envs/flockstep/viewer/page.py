@@ -41,11 +41,15 @@ def page(recordings: Sequence[Recording]) -> str:
     """Return the text of a page that shows one recording, or two: the second as a ghost, or side by side."""
     if not 1 <= len(recordings) <= 2:
         raise ValueError(f"recordings: expected one or two, got {len(recordings)}")
+    flights = (base64.b64encode(gzip.compress(pack(recording), 6, mtime=0)).decode() for recording in recordings)
+    return with_block("\n".join(f'<script type="application/gzip">{flight}</script>' for flight in flights))
+
+
+def with_block(block: str) -> str:
+    """Return the text of the page with a block that says what it shows."""
     before, found, after = template().partition(_PLACE)
     assert found, "the page has no place for flights"
-    flights = (base64.b64encode(gzip.compress(pack(recording), 6, mtime=0)).decode() for recording in recordings)
-    blocks = "\n".join(f'<script type="application/gzip">{flight}</script>' for flight in flights)
-    return before + blocks + after
+    return before + block + after
 
 
 def write(path: str | PathLike[str], recordings: Sequence[Recording]) -> None:
