@@ -10,6 +10,7 @@ from flockstep import doctor, headers, serving
 from flockstep.bridges import ardupilot, mcap
 from flockstep.identification import command as identification
 from flockstep.trainings import command as trainings
+from flockstep.viewer import fly
 
 
 class _PrintCmakeDir(argparse.Action):
@@ -33,6 +34,7 @@ def main() -> None:
     ardupilot.add_command(commands)
     mcap.add_command(commands)
     identification.add_command(commands)
+    fly.add_command(commands)
     arguments = parser.parse_args()
     try:
         arguments.run(arguments)

@@ -23,7 +23,7 @@ interface Shown {
 
 const sendMs = 33;
 /** Share of a stick's way that a key is. */
-const keyShare = 0.5;
+const keyShare = 0.4;
 const deadZone = 0.06;
 /** Sticks throttle, roll, pitch and yaw: index and direction. */
 const keys: Record<string, [number, number]> = {

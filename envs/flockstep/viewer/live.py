@@ -67,7 +67,7 @@ class LiveView:
         # Pages come and go on the thread of the server; the program's thread reads this tuple.
         self._pages: tuple[_Page, ...] = ()
         self._changed = threading.Condition()
-        self._is_paused, self._is_timed, self._allowed = False, False, 0
+        self._flies, self._is_paused, self._is_timed, self._allowed = flies, False, flies, 0
         self._steps, self._moment, self._due = 0, 0, 0.0
         self._stick_values, self._sticks_at, self._resets = (0.0, 0.0, 0.0, 0.0), -math.inf, False
         self._loop = asyncio.new_event_loop()
@@ -212,7 +212,7 @@ class LiveView:
         if envs is not None:
             envs._watched = None
         with self._changed:
-            self._is_paused = self._is_timed = False
+            self._is_paused, self._is_timed = False, self._flies
             self._changed.notify_all()
 
     async def _say(self) -> None:
@@ -352,7 +352,7 @@ def view(envs: Any, *, port: int = 0, browser: bool = True, flies: bool = False)
     browser
         Open a browser if there is a display; without one, print the address.
     flies
-        Send sticks from the page, for `LiveView.sticks`.
+        Send sticks from the page, for `LiveView.sticks`, and step at the speed of flight.
 
     Returns
     -------
