@@ -98,8 +98,7 @@ const kinds: Record<string, new (buffer: ArrayBuffer, at: number, length: number
   u1: Uint8Array,
 };
 
-/** A flight that grows keeps its last moments: as many as come in ten minutes, and fewer if they are large. */
-const mostMoments = 18_000;
+/** Size of the moments that a flight keeps, if it grows. */
 const mostBytes = 1 << 27;
 
 /** Adds numbers behind those of a column. */
@@ -122,6 +121,8 @@ export class Flight {
   private readonly firstWorld: number;
   private readonly firstBody: number;
   steps: number;
+  /** A flight that grows keeps as many of its last moments as come in ten minutes, and fewer if they are large. */
+  mostMoments = 18_000;
   readonly envs: number;
   readonly perEnv: number;
   readonly rows: number;
@@ -202,7 +203,7 @@ export class Flight {
   private forget(): number {
     const moments = [...this.columns.values()].filter((column) => !this.lidars.some(({ directions }) => directions === column.name));
     const bytes = moments.reduce((sum, column) => sum + column.values.byteLength, 0);
-    const most = Math.max(Math.min(mostMoments, Math.floor((mostBytes * this.steps) / bytes)), 2);
+    const most = Math.max(Math.min(this.mostMoments, Math.floor((mostBytes * this.steps) / bytes)), 2);
     if (this.steps < 1.25 * most) return 0; // not at each moment: everything moves
     const drop = this.steps - most;
     const gone = this.timeAt(drop);

@@ -69,10 +69,10 @@ def envs_for(arguments: argparse.Namespace) -> DroneVectorEnv:
     return DroneVectorEnv(1, task=ByHand, **given, **motion, **sensors)
 
 
-def fly(envs: DroneVectorEnv, live: LiveView, control: str, ghost: Any = None, steps: int | None = None) -> None:
-    """Fly by the sticks of a page, while there is one, for a number of env steps or until Ctrl-C."""
+def fly(envs: DroneVectorEnv, live: LiveView, control: str, ghost: Any = None) -> None:
+    """Fly by the sticks of a page, while there is one, until the view is closed."""
     observation, _ = envs.reset(seed=0)
-    while steps is None or steps > 0:
+    while live.is_open:
         if not live.is_watched:
             time.sleep(0.05)
             continue
@@ -83,7 +83,6 @@ def fly(envs: DroneVectorEnv, live: LiveView, control: str, ghost: Any = None, s
             actions = ghost.predict(observation, deterministic=True)[0]
         actions[0] = command_of(control, live.sticks(), float(yaw_of(envs.batch.quat_wxyz)[0]))
         observation, *_ = envs.step(actions)
-        steps = None if steps is None else steps - 1
 
 
 def add_command(commands: Any) -> None:

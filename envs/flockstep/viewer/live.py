@@ -54,7 +54,7 @@ class LiveView:
     def __init__(self, envs: DroneVectorEnv, port: int, flies: bool) -> None:
         serve = require()
         self._token = secrets.token_urlsafe(16)
-        self._envs = weakref.ref(envs)
+        self._envs = weakref.ref(envs, lambda _: self.close())
         self._num_envs, self._step_s = envs.num_groups, step_seconds(envs)
         source = json.dumps({"envs": envs.num_groups, "flies": flies})
         self._socket = socket.create_server(("127.0.0.1", port))
@@ -74,6 +74,11 @@ class LiveView:
         self._ended = asyncio.Event()
         self._thread = threading.Thread(target=self._run, args=(serve,), name="flockstep view", daemon=True)
         self._thread.start()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the page is served."""
+        return not self._ended.is_set()
 
     @property
     def is_watched(self) -> bool:
