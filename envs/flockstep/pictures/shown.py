@@ -1,4 +1,4 @@
-"""What shows a vector env: the trails of its pictures, and its live view."""
+"""Trails of pictures and the live view of a vector env."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ _RATE_HZ = 30.0
 _SHARE = 0.05
 _MOST_PAGES = 8
 _MOST_UNANSWERED = 2  # moments on their way to a page
-_MOST_WORLDS = 32  # of a page; then its flight begins anew
+_MOST_WORLDS = 32  # of a page; then it gets a new flight
 _MOST_MESSAGE_BYTES = 4096
 _STICKS_LAST_S = 0.5
 _PLACE = "default-src 'none';"  # in the page's Content-Security-Policy
@@ -77,12 +77,12 @@ class LiveView:
 
     @property
     def is_open(self) -> bool:
-        """Whether the page is served."""
+        """True while the page is served."""
         return not self._ended.is_set()
 
     @property
     def is_watched(self) -> bool:
-        """Whether a page is open."""
+        """True while a page is open."""
         return bool(self._pages)
 
     def sticks(self) -> tuple[float, float, float, float]:

@@ -44,7 +44,7 @@ _AXES = ("x", "y", "z", "w")
 
 @dataclass
 class Had:
-    """What a page has of a flight, to which the packed moments are added. Default: nothing."""
+    """The parts of a flight that a page has, to which the packed moments are added. Default: nothing."""
 
     goes_on: bool = False
     worlds: int = 0
