@@ -36,6 +36,10 @@ _COMMANDS = {
         "viewer.command:add_arguments",
         "show a recorded flight in a browser, or two in one view",
     ),
+    "fly": (
+        "viewer.fly:add_arguments",
+        "fly a drone by keys or a gamepad, in a browser",
+    ),
     "serve": (
         "serving:add_arguments",
         "let other programs, in C++, Python or any language with WebSockets, see and steer the drones of a simulation",

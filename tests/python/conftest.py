@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from chromium import CHROMIUM, FLAGS, TIME_LIMIT_MS
 from clients import Blocking
 
 import flockstep
@@ -163,3 +164,13 @@ def server(batch: flockstep.Batch) -> Iterator[flockstep.Server]:
 def client(server: flockstep.Server) -> Iterator[flockstep.client.Client]:
     with flockstep.connect(server.address) as client:
         yield client
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Headless Chromium, for the tests of a module."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as player:
+        browser = player.chromium.launch(executable_path=CHROMIUM, args=FLAGS, timeout=TIME_LIMIT_MS)
+        yield browser
+        browser.close()

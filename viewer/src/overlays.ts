@@ -8,11 +8,13 @@ import { LineGeometry } from "three/examples/jsm/lines/LineGeometry.js";
 import { LineMaterial } from "three/examples/jsm/lines/LineMaterial.js";
 import { parts } from "./glb";
 import type { Drones } from "./drones";
-import type { CameraInfo, Flight, LidarInfo } from "./flight";
-import { glow } from "./world";
+import type { BodyInfo, CameraInfo, Flight, LidarInfo } from "./flight";
+import { dispose, glow } from "./world";
 
 const beamColor = new THREE.Color(0xff8a4c);
 const mostBeams = 16_384;
+/** How long contacts are shown, s. */
+const lastsS = 1.5;
 
 export interface Layers {
   beams: boolean;
@@ -27,8 +29,8 @@ export class Overlays {
   private readonly hits: THREE.Points;
   private readonly frustum: LineSegments2;
   private readonly contacts: THREE.Sprite[] = [];
-  private readonly bodies: THREE.Group[] = [];
   private readonly paths: Line2[];
+  private readonly bodies: { info: BodyInfo; group: THREE.Group }[] = [];
 
   private constructor(private readonly flight: Flight) {
     const beams = new THREE.BufferGeometry();
@@ -49,21 +51,24 @@ export class Overlays {
 
   static async make(flight: Flight): Promise<Overlays> {
     const overlays = new Overlays(flight);
-    const made = new Map<Uint8Array, THREE.Group>();
-    for (const body of flight.bodies) {
-      let group = made.get(body.glb);
-      if (!group) {
-        group = new THREE.Group();
-        for (const part of await parts(body.glb)) {
-          const material = new THREE.MeshLambertMaterial({ color: part.color, emissive: part.emissive, map: part.texture, vertexColors: part.geometry.hasAttribute("color"), flatShading: !part.isSmooth, side: THREE.DoubleSide });
-          group.add(new THREE.Mesh(part.geometry, material));
-        }
-        made.set(body.glb, group);
-      } else group = group.clone();
-      overlays.bodies.push(group);
-      overlays.group.add(group);
-    }
+    await overlays.makeBodies();
     return overlays;
+  }
+
+  /** Makes the bodies of the flight that are not there yet, and removes all others. */
+  async makeBodies(): Promise<void> {
+    const { bodies, flight } = this;
+    const kept = bodies.findIndex(({ info }, i) => info !== flight.bodies[i]);
+    for (const { group } of kept < 0 ? [] : bodies.splice(kept)) dispose(group);
+    for (const info of flight.bodies.slice(bodies.length)) {
+      const body = { info, group: new THREE.Group() };
+      bodies.push(body);
+      this.group.add(body.group);
+      for (const part of await parts(info.glb)) {
+        const material = new THREE.MeshLambertMaterial({ color: part.color, emissive: part.emissive, map: part.texture, vertexColors: part.geometry.hasAttribute("color"), flatShading: !part.isSmooth, side: THREE.DoubleSide });
+        body.group.add(new THREE.Mesh(part.geometry, material));
+      }
+    }
   }
 
   setResolution(width: number, height: number): void {
@@ -136,12 +141,12 @@ export class Overlays {
   /** Lights up where drones touched something, for a moment. */
   private updateContacts(areShown: boolean, drones: Drones, step: number): void {
     const [hit, point] = [this.flight.column("contact.hit"), this.flight.column("contact.point")];
-    const lasts = Math.max(Math.round(1.5 / this.flight.stepS), 1);
+    const now = this.flight.timeAt(step);
     let used = 0;
     if (areShown && hit && point)
       for (const drone of drones.poses.keys()) {
-        const first = Math.max(this.flight.episodeStart(drone, step), step - lasts);
-        for (let then = step; then >= first; then--) {
+        const first = this.flight.episodeStart(drone, step);
+        for (let then = step; then >= first && now - this.flight.timeAt(then) < lastsS; then--) {
           const at = then * this.flight.drones + drone;
           if (!hit.values[at]) continue;
           const place = point.values.subarray(3 * at, 3 * at + 3);
@@ -155,7 +160,7 @@ export class Overlays {
           const sprite = this.contacts[used++];
           sprite.position.fromArray(place);
           sprite.scale.setScalar(0.9);
-          sprite.material.opacity = 1 - (step - then) / (lasts + 1);
+          sprite.material.opacity = 1 - (now - this.flight.timeAt(then)) / lastsS;
           break;
         }
       }
@@ -169,9 +174,8 @@ export class Overlays {
     const active = this.flight.column("bodies.active")!;
     const [step, slots] = [this.flight.stepAt(seconds), position.shape[2]];
     const next = Math.min(step + 1, this.flight.steps - 1);
-    const part = this.flight.episodeStart(env * this.flight.perEnv, next) <= step ? Math.min(seconds / this.flight.stepS - step, 1) : 0;
-    for (const [i, info] of this.flight.bodies.entries()) {
-      const group = this.bodies[i];
+    const part = this.flight.episodeStart(env * this.flight.perEnv, next) <= step ? this.flight.partOf(step, seconds) : 0;
+    for (const { info, group } of this.bodies) {
       const [at, then] = [step, next].map((moment) => (moment * this.flight.envs + env) * slots + info.body);
       group.visible = info.env === env && active.values[at] !== 0;
       if (!group.visible) continue;

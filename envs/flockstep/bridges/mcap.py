@@ -172,7 +172,7 @@ class McapRecorder:
         try:
             if self._envs is not None:
                 values, images = self._moments.now()
-                values["actions"] = actions_in(self._envs, self._moments.rows, actions)
+                values["actions"] = actions_in(self._envs, self._moments, actions)
                 self._arrays.write(stamp_ns, values, images)
             for topic, kind, message in messages:
                 self._writer.write_message(topic, self._schema(kind, topic), message, stamp_ns)

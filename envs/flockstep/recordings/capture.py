@@ -45,14 +45,14 @@ class Capture:
         self._contents = contents_of(envs, self._moments, title, paths)
         self._steps: list[dict[str, Array]] = []
         self._images: dict[str, list[bytes]] = {}
-        self._step_s = envs.recipe.episode.frame_skip / envs.batch.clock.policy_hz
+        self._step_s = step_seconds(envs)
 
     def add(self, actions: npt.ArrayLike | None = None) -> None:
         """Add the present moment, with the actions that led to it."""
         arrays, images = self._moments.now()
         for name, files in images.items():
             self._images.setdefault(name, []).extend(files)
-        arrays["actions"] = actions_in(self._envs, self._moments.rows, actions)
+        arrays["actions"] = actions_in(self._envs, self._moments, actions)
         self._steps.append(arrays)
 
     def recording(self) -> Recording:
@@ -90,13 +90,18 @@ def contents_of(
     )
 
 
-def actions_in(envs: DroneVectorEnv, rows: int, actions: npt.ArrayLike | None) -> Array:
-    """Return the actions (R, k) float32 of the first rows, NaN if there are none."""
+def actions_in(envs: DroneVectorEnv, moments: Moments, actions: npt.ArrayLike | None) -> Array:
+    """Return the actions (R, k) float32 of the rows that are read, NaN if there are none."""
     space = envs.single_action_space
     width = int(np.prod(space.shape or (1,)))
     if actions is None:
-        return np.full((rows, width), np.nan, np.float32)
-    return np.asarray(actions, np.float32).reshape(envs.num_envs, width)[:rows]
+        return np.full((moments.rows, width), np.nan, np.float32)
+    return np.asarray(actions, np.float32).reshape(envs.num_envs, width)[moments.slices["R"]]
+
+
+def step_seconds(envs: DroneVectorEnv) -> float:
+    """Return the simulated time of an env step, s."""
+    return envs.recipe.episode.frame_skip / envs.batch.clock.policy_hz
 
 
 def title_of(envs: DroneVectorEnv) -> str:

@@ -53,6 +53,7 @@ class Contents:
     title: str
     repeats_ends: bool  # True if flags of an ended episode repeat until a reset
     units: dict[str, str] = field(default_factory=dict)
+    ended_before: Array | None = None  # (R,) flags that the first moment may repeat. None: all episodes begin there
 
 
 class Recording:
@@ -167,10 +168,11 @@ class Recording:
         """The episodes that ended, in the order of time."""
         if "episode_end" not in self:
             return []
-        ended = self["terminated"].astype(bool) | self["truncated"].astype(bool)
+        flags = self["terminated"].astype(bool) | self["truncated"].astype(bool)
+        before, ended = self._contents.ended_before, flags.copy()
         if self._contents.repeats_ends:
-            ended[1:] &= ~ended[:-1]
-        ended[0] = False
+            ended[1:] &= ~flags[:-1]
+        ended[0] &= False if before is None else ~before
         values = (self[name] for name in ("episode_end", "success", "episode_return", "episode_length"))
         reason, success, total, length = values
         known = {int(end) for end in EpisodeEnd}

@@ -22,6 +22,7 @@ from flockstep.trainings.flying import Verdict, best_of, judge
 from flockstep.trainings.learning import Callback, load, train
 from flockstep.trainings.table import TRAININGS
 from flockstep.trainings.training import UNSEEN_SEEDS, Training
+from flockstep.viewer import view
 
 _KNOWN = f"file of a policy, or a bundled one ({', '.join(policies.names())})"
 
@@ -35,6 +36,7 @@ def add_train(parser: argparse.ArgumentParser) -> None:
     threads = "threads of simulator and learner; 0: one per core. results are bit-identical for any number"
     parser.add_argument("--threads", type=int, default=0, help=threads)
     parser.add_argument("--steps", type=_count, help="steps of all drones together; default: the row's")
+    parser.add_argument("--view", action="store_true", help="show the training in a browser")
     parser.add_argument("--out", type=Path, help="file of the policy; default: TRAINING.zip")
 
 
@@ -115,12 +117,23 @@ class Progress(Callback):
         self._line.show(progress_of(self.model, self._line.seconds), is_last=True)
 
 
+class _View(Callback):
+    """Shows a training in a browser, until its environments are closed."""
+
+    need_infos = False
+
+    def on_training_start(self, local: Any, global_: Any) -> None:
+        """Begin."""
+        view(self.model.get_env())
+
+
 def _train(arguments: argparse.Namespace) -> None:
     training = _asked(arguments)
     out = arguments.out or Path(f"{arguments.name.rpartition(':')[2]}.zip")
     out.parent.mkdir(parents=True, exist_ok=True)
     before = time.perf_counter()
-    model = train(training, arguments.learner, arguments.seed, arguments.threads, [Progress()])
+    callbacks = [Progress(), *([_View()] if arguments.view else [])]
+    model = train(training, arguments.learner, arguments.seed, arguments.threads, callbacks)
     seconds = time.perf_counter() - before
     model.save(out)
     print(f"{model.num_timesteps:,} steps in {seconds:.1f} s; {out}", flush=True)

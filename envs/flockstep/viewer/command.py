@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
-import sys
 import webbrowser
 from pathlib import Path
 
@@ -44,10 +42,5 @@ def main(arguments: argparse.Namespace) -> None:
         page.write(out, flights)
         progress.clear()
     print(out, flush=True)
-    if has_display():
+    if page.has_display():
         webbrowser.open(out.resolve().as_uri())
-
-
-def has_display() -> bool:
-    """Return whether a browser could open a window here."""
-    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))

@@ -5,7 +5,9 @@ from __future__ import annotations
 import base64
 import gzip
 import html
+import os
 import re
+import sys
 from collections.abc import Sequence
 from os import PathLike, fspath
 from pathlib import Path
@@ -66,9 +68,14 @@ def page(recordings: Sequence[Recording | str]) -> str:
     """
     if not 1 <= len(recordings) <= 2:
         raise ValueError(f"recordings: expected one or two, got {len(recordings)}")
+    return with_block("\n".join(_BLOCK.format(_flight(recording)) for recording in recordings))
+
+
+def with_block(block: str) -> str:
+    """Return the text of the page with a block that says what it shows."""
     before, found, after = template().partition(_PLACE)
     assert found, "the page has no place for flights"
-    return before + "\n".join(_BLOCK.format(_flight(recording)) for recording in recordings) + after
+    return before + block + after
 
 
 def _flight(recording: Recording | str) -> str:
@@ -83,6 +90,12 @@ def write(path: str | PathLike[str], recordings: Sequence[Recording | str]) -> N
     part = Path(f"{path}.part")
     part.write_text(text, encoding="utf-8")
     part.replace(path)
+
+
+def has_display() -> bool:
+    """Return whether a browser could open a window that somebody sees."""
+    is_screen = sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+    return is_screen and not os.environ.get("CI")
 
 
 def show(*recordings: Recording, height: int = 600) -> Any:

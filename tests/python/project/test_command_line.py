@@ -11,7 +11,7 @@ from conftest import ROOT
 
 from flockstep import doctor
 
-COMMANDS = ["doctor", "check", "train", "evaluate", "record", "view", "serve", "ardupilot", "mcap", "identify"]
+COMMANDS = ["doctor", "check", "train", "evaluate", "record", "view", "fly", "serve", "ardupilot", "mcap", "identify"]
 PARTS = ("flockstep.trainings", "flockstep.bridges", "flockstep.identification", "flockstep.testing")
 HEAVY = ("torch", "stable_baselines3", "matplotlib", "PIL", "scipy", "google.protobuf", "websockets", "mcap")
 

@@ -5,68 +5,32 @@ These tests run where Chromium, Playwright and the built page are; elsewhere the
 
 import base64
 import gzip
-import shutil
-import time
 
 import numpy as np
 import pytest
+from chromium import CHROMIUM, drawn, opened_tab, wait
 
 import flockstep
 from flockstep.recordings import Capture
 from flockstep.viewer import page as pages
 
-CHROMIUM = shutil.which("chromium")
 if CHROMIUM is None or not pages.is_built():
     pytest.skip("needs Chromium and the page of ./dev viewer", allow_module_level=True)
-playwright = pytest.importorskip("playwright.sync_api")
 
-TIME_LIMIT_MS = 240_000  # on a busy machine
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # OpenGL without a GPU
 HTML = '<img src=x onerror="window.hacked=1">'
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as player:
-        browser = player.chromium.launch(executable_path=CHROMIUM, args=FLAGS, timeout=TIME_LIMIT_MS)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture
 def tab(browser):
-    """A tab; at its end no script may have failed and nothing may have been asked for over a network."""
-    tab = browser.new_page(viewport={"width": 800, "height": 600})
-    tab.set_default_timeout(TIME_LIMIT_MS)
-    troubles = []
-    tab.on("console", lambda message: troubles.append(message.text) if message.type in ("error", "warning") else None)
-    tab.on("pageerror", lambda error: troubles.append(str(error)))
-    tab.on("dialog", lambda dialog: troubles.append(dialog.message))
-    tab.on("request", lambda request: troubles.append(request.url) if request.url[:4] == "http" else None)
-    yield tab
-    tab.close()
-    harmless = ("GPU stall", "GL Driver Message", "swiftshader", "SwiftShader")
-    assert not [trouble for trouble in troubles if not any(word in trouble for word in harmless)]
+    """A tab for files."""
+    with opened_tab(browser) as tab:
+        yield tab
 
 
 def opened(tab, path, state="ready"):
     tab.goto(f"file://{path}")
     tab.wait_for_selector("body[data-state]", state="attached")
     assert tab.evaluate("document.body.dataset.state") == state, tab.evaluate("document.body.innerText")
-
-
-def wait(tab, condition):
-    """Wait for a condition; Playwright's own function needs eval, which the page forbids."""
-    end = time.monotonic() + TIME_LIMIT_MS / 1000
-    while not tab.evaluate(condition):
-        assert time.monotonic() < end, condition
-        tab.wait_for_timeout(50)
-
-
-def drawn(tab, code):
-    """Run code, and wait until the page has drawn again."""
-    before = tab.evaluate(f"(() => {{ {code}; return flockstep.page.drawn }})()")
-    wait(tab, f"flockstep.page.drawn > {before}")
 
 
 def captured(steps, num_envs=1, seed=0, paths=(), **keywords):
@@ -251,7 +215,7 @@ def test_a_damaged_page_says_so(tab, damage, flight, tmp_path):
     elif damage == "not gzip":
         block = base64.b64encode(data).decode()
     elif damage == "format":
-        block = base64.b64encode(gzip.compress(data.replace(b'"format": 1', b'"format": 9', 1))).decode()
+        block = base64.b64encode(gzip.compress(data.replace(b'"format": 2', b'"format": 9', 1))).decode()
     elif damage == "counts":
         block = base64.b64encode(gzip.compress(data.replace(b'"shape": [26,', b'"shape": [999999999,', 1))).decode()
     blocks = "" if damage == "none" else f'<script type="application/gzip">{block}</script>'
