@@ -1,8 +1,8 @@
 """Time to record flights, to open their page in headless Chromium, without a GPU, and to watch a training.
 
 The flight is one of 16 drones in the office, with LiDAR, for 1,000 steps. A page is ready once its first image is.
-Processor times are those of all processes of the browser. A training is watched by a program that takes each moment, so that
-no browser competes for the CPU.
+Processor times are those of all processes of the browser. A training is watched by a program that takes each
+moment, so that no browser competes for the CPU.
 """
 
 from __future__ import annotations

@@ -107,9 +107,9 @@ def main(arguments: argparse.Namespace) -> None:
         ghost = None if arguments.ghost is None else policies.load(arguments.ghost)
         envs = envs_for(arguments)
         with view(envs, port=arguments.port, flies=True) as live:
-            print(f"flockstep flies in {arguments.world} at {live.address}; Ctrl-C ends it", flush=True)
+            print(f"flockstep flies in {arguments.world}; Ctrl-C ends it", flush=True)
             fly(envs, live, arguments.control, ghost)
-    except (ValueError, TypeError, RuntimeError, ModuleNotFoundError) as error:
+    except (ValueError, TypeError, RuntimeError, ModuleNotFoundError, OSError) as error:
         sys.exit(f"flockstep fly: {error}")
     except KeyboardInterrupt:
         pass
