@@ -24,7 +24,7 @@ _OPTIONAL = (
     ("torch", "torch", "neural networks for training"),
     ("tqdm", "tqdm", "progress bars"),
     ("protobuf", "google.protobuf", "connecting to servers"),
-    ("websockets", "websockets", "connecting to servers"),
+    ("websockets", "websockets", "connecting to servers, live views"),
     ("pillow", "PIL", "pictures"),
     ("imageio-ffmpeg", "imageio_ffmpeg", "films"),
     ("moviepy", "moviepy", "films by Gymnasium's recorders"),

@@ -19,6 +19,7 @@ interface Status {
 
 interface Shown {
   add(next: Flight): void;
+  setMode(mode: "follow"): void;
 }
 
 const sendMs = 33;
@@ -98,7 +99,10 @@ export class Live {
   private async receive(data: ArrayBuffer): Promise<void> {
     const next = new Flight(data);
     if (this.page) this.page.add(next);
-    else this.page = await this.show(next);
+    else {
+      this.page = await this.show(next);
+      if (this.source.flies) this.page.setMode("follow");
+    }
     this.received++;
     this.said.textContent = this.source.flies ? "W S A D and arrows, or a gamepad. R begins again" : "";
     this.send({ got: true }); // only then the next moment comes: a slow page misses moments

@@ -103,6 +103,10 @@ def main(arguments: argparse.Namespace) -> None:
         raise ValueError(f"control: expected {CONTROLS[0]!r} with a ghost, got {arguments.control!r}")
     ghost = None if arguments.ghost is None else policies.load(arguments.ghost)
     envs = envs_for(arguments)
-    with view(envs, port=arguments.port, flies=True) as live, suppress(KeyboardInterrupt):
-        print(f"flockstep flies in {arguments.world} at {live.address}; Ctrl-C ends it", flush=True)
+    try:
+        live = view(envs, port=arguments.port, flies=True)
+    except OSError as error:
+        raise RuntimeError(f"port: {error}") from error
+    with live, suppress(KeyboardInterrupt):
+        print(f"flockstep flies in {arguments.world}; Ctrl-C ends it", flush=True)
         fly(envs, live, arguments.control, ghost)

@@ -53,10 +53,10 @@ class LiveView:
     def __init__(self, envs: DroneVectorEnv, port: int, flies: bool) -> None:
         serve = require()
         self._token = secrets.token_urlsafe(16)
+        self._socket = socket.create_server(("127.0.0.1", port))
         self._envs = weakref.ref(envs, lambda _: self.close())
         self._num_envs, self._step_s = envs.num_groups, step_seconds(envs)
         source = json.dumps({"envs": envs.num_groups, "flies": flies})
-        self._socket = socket.create_server(("127.0.0.1", port))
         host = f"127.0.0.1:{self._socket.getsockname()[1]}"
         self.address = f"http://{host}/?token={self._token}"
         self._origins = {f"http://{host}", f"http://localhost:{host.rpartition(':')[2]}"}

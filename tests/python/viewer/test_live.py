@@ -386,10 +386,11 @@ def headless(monkeypatch):
 @pytest.mark.filterwarnings("error")
 def test_human_mode_passes_gymnasiums_check_and_prints_the_address_once(headless, capfd):
     env = gymnasium.make("flockstep/LidarNavigation-v0", render_mode="human", worlds="playground/train-1").unwrapped
-    check_env(env, skip_render_check=True)
     env.reset(seed=0)
+    env.reset()
     assert env.render() is None
     assert capfd.readouterr().err.count("flockstep: watch at http://127.0.0.1:") == 1
+    check_env(env)
     live = env.envs._live
     env.close()
     assert not live._thread.is_alive()
