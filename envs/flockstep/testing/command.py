@@ -31,8 +31,7 @@ from flockstep.vector_env import DroneVectorEnv
 
 _MODULE = "flockstep_checked"  # the file's name could be that of a module that it imports
 _SETUP = {"num_envs": 4, "steps": 100, "seed": 123}  # as in `check_vector_env`
-#: Episodes are short, so that some end within the steps of the checks. Seeds, not envs, choose among several worlds.
-_KEYWORDS = {"max_episode_steps": 20, "random_world": True}
+_EPISODE_STEPS = 20  # short, so that episodes end within the steps of the checks
 _SPEED_ENVS, _SPEED_S = 256, 1.0
 _MOST_LETTERS = 300
 
@@ -69,7 +68,8 @@ def main(arguments: argparse.Namespace) -> None:
         except Exception as error:  # of the task
             return told(error)
 
-    setup = Setup(functools.partial(make, **_KEYWORDS), **_SETUP)
+    # Seeds choose among several worlds, so that env i does not differ from env 0 by its number.
+    setup = Setup(functools.partial(make, max_episode_steps=_EPISODE_STEPS, random_world=True), **_SETUP)
     contract = {name: stage(name, check, setup) for name, check in CHECKS.items()}
     flown = {
         name: stage(f"{name} actions", evaluate, policy, task, arguments.episodes, arguments.seed, **keywords)
