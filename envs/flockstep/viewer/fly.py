@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import time
-from contextlib import suppress
+from contextlib import closing, suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,15 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from flockstep import policies
-from flockstep._core import Batch, CameraConfig, LidarConfig, RaceConfig
+from flockstep._core import Batch, engine_tasks
+from flockstep.registration import make_by_id
 from flockstep.rotations import yaw_of
 from flockstep.task import Task
+from flockstep.trainings.table import TRAININGS
 from flockstep.vector_env import DroneVectorEnv
 from flockstep.viewer.live import LiveView, view
 
-#: Control modes, the default first.
+#: Modes of control, the default first
 CONTROLS = ("body_rates", "attitude", "heading_velocity", "velocity", "acceleration", "position")
 _YAW = 0.25  # share of half a turn that a stick turns away from the current heading
 
@@ -42,34 +45,29 @@ class ByHand(Task):
         return batch.position
 
 
-def command_of(control: str, sticks: tuple[float, float, float, float], yaw: float) -> npt.NDArray[np.float32]:
-    """Return the action (4,) of a control mode for the sticks throttle, roll, pitch and yaw, at a heading."""
+def command_of(mode: str, sticks: tuple[float, float, float, float], turned: float) -> npt.NDArray[np.float32]:
+    """Return the action (4,) of a control mode for the sticks throttle, roll, pitch and yaw, at a heading in rad."""
     throttle, roll, pitch, turn = sticks
-    if control in ("body_rates", "attitude"):
-        command = [throttle, roll, pitch, -turn * (1 if control == "body_rates" else _YAW)]
-    else:
-        heading = 0.0 if control == "heading_velocity" else yaw
-        ahead = pitch * np.cos(heading) + roll * np.sin(heading)
-        left = pitch * np.sin(heading) - roll * np.cos(heading)
-        command = [ahead, left, throttle, -turn * (1 if control.endswith("velocity") else _YAW)]
-    return np.array(command, np.float32)
+    if mode in CONTROLS[:2]:
+        return np.array([throttle, roll, pitch, -turn * (1 if mode == CONTROLS[0] else _YAW)], np.float32)
+    heading = 0.0 if mode.startswith("heading") else turned
+    ahead = pitch * np.cos(heading) + roll * np.sin(heading)
+    left = pitch * np.sin(heading) - roll * np.cos(heading)
+    return np.array([ahead, left, throttle, -turn * (1 if mode.endswith("velocity") else _YAW)], np.float32)
 
 
 def envs_for(arguments: argparse.Namespace) -> DroneVectorEnv:
     """Return one env with the drone, and with that of the ghost."""
-    given: dict[str, Any] = {"worlds": arguments.world, "drone": arguments.drone, "num_threads": 1}
+    make = partial(DroneVectorEnv, 1, worlds=arguments.world, drone=arguments.drone, num_threads=1)
     if arguments.ghost is not None:
-        race = RaceConfig(start="gate", laps=3)
-        return DroneVectorEnv(1, task=race, drones_per_env=2, episodes="each", max_episode_steps=0, **given)
-    sensors: dict[str, Any] = {
-        "lidar": LidarConfig(beams=72, hfov_deg=360, max_range_m=10),
-        "camera": CameraConfig(width_px=160, height_px=120, rate_hz=25, offset_m=(0.1, 0.0, 0.05)),
-    }
-    motion: dict[str, Any] = {"motion": "rotors", "control": arguments.control, "on_contact": "bounce", "policy_hz": 50}
-    return DroneVectorEnv(1, task=ByHand, **given, **motion, **sensors)
+        race = TRAININGS[arguments.ghost].film["task"]
+        return make(task=race, drones_per_env=2, episodes="each", max_episode_steps=0)
+    with closing(make_by_id("flockstep/CameraNavigation-v0", 1)) as sensing:
+        sensors = partial(make, lidar=sensing.lidars, camera=sensing.cameras)
+    return sensors(task=ByHand, motion="rotors", control=arguments.control, on_contact="bounce", policy_hz=50)
 
 
-def fly(envs: DroneVectorEnv, live: LiveView, control: str, ghost: Any = None) -> None:
+def fly(envs: DroneVectorEnv, live: LiveView, mode: str, ghost: Any = None) -> None:
     """Fly by the sticks of a page, while there is one, until the view is closed."""
     observation, _ = envs.reset(seed=0)
     while live.is_open:
@@ -80,8 +78,8 @@ def fly(envs: DroneVectorEnv, live: LiveView, control: str, ghost: Any = None) -
             observation, _ = envs.reset()
         actions = np.zeros((envs.num_envs, 4), np.float32)
         if ghost is not None:
-            actions = ghost.predict(observation, deterministic=True)[0]
-        actions[0] = command_of(control, live.sticks(), float(yaw_of(envs.batch.quat_wxyz)[0]))
+            actions = ghost.predict(observation, deterministic=True)[0]  # the first drone's is replaced
+        actions[0] = command_of(mode, live.sticks(), float(yaw_of(envs.batch.quat_wxyz)[0]))
         observation, *_ = envs.step(actions)
 
 
@@ -93,20 +91,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     modes = "what the sticks command; default: body_rates, which pilots call acro"
     parser.add_argument("--control", choices=CONTROLS, default=CONTROLS[0], help=modes)
     rival = "a bundled policy that races you, in a world with gates"
-    parser.add_argument("--ghost", choices=("race",), help=rival)
+    racing = [name for name in policies.names() if name in engine_tasks and "task" in TRAININGS[name].film]
+    parser.add_argument("--ghost", choices=racing, help=rival)
     parser.add_argument("--port", type=int, default=0, help="port on 127.0.0.1; default: any free one")
 
 
 def main(arguments: argparse.Namespace) -> None:
     """Fly until Ctrl-C."""
     if arguments.ghost is not None and arguments.control != CONTROLS[0]:
-        raise ValueError(f"control: expected {CONTROLS[0]!r} with a ghost, got {arguments.control!r}")
+        raise ValueError(f"expected --control {CONTROLS[0]} with --ghost, got {arguments.control}")
     ghost = None if arguments.ghost is None else policies.load(arguments.ghost)
     envs = envs_for(arguments)
     try:
         live = view(envs, port=arguments.port, flies=True)
     except OSError as error:
-        raise RuntimeError(f"port: {error}") from error
+        raise RuntimeError(f"expected a free port, got {arguments.port}: {error}") from error
     with live, suppress(KeyboardInterrupt):
         print(f"flockstep flies in {arguments.world}; Ctrl-C ends it", flush=True)
         fly(envs, live, arguments.control, ghost)

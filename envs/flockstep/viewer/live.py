@@ -398,9 +398,9 @@ def _found(envs: Any) -> DroneVectorEnv:
     return inner
 
 
-def _open(address: str) -> None:
+def _open(url: str) -> None:
     """Open a browser without waiting for it, or print the address."""
     if page.has_display():
-        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+        threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
     else:
-        print(f"flockstep: watch at {address}", file=sys.stderr, flush=True)
+        print(f"flockstep: watch at {url}", file=sys.stderr, flush=True)
