@@ -50,6 +50,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = "flockstep"
 html_static_path = ["site/static"]
 html_css_files = ["site.css"]
+html_extra_path = ["../build/docs/extra"]  # a flight to replay, which `./dev docs` writes
 toc_object_entries_show_parents = "hide"
 html_show_copyright = html_show_sourcelink = html_copy_source = False
 html_theme_options = {

@@ -1,7 +1,8 @@
-"""Time to record flights, and to open their page in headless Chromium, without a GPU.
+"""Time to record flights, to open their page in headless Chromium, without a GPU, and to watch a training.
 
 The flight is one of 16 drones in the office, with LiDAR, for 1,000 steps. A page is ready once its first image is.
-Processor times are those of all processes of the browser.
+Processor times are those of all processes of the browser. A training is watched by a program that takes each
+moment, so that no browser competes for the CPU.
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ from __future__ import annotations
 import gzip
 import os
 import shutil
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -22,11 +25,21 @@ from flockstep.viewer import page
 from timing import RUNS, Measured, Median
 
 STEPS, DRONES, OPENED = 1000, 16, 3
+TRAINED, TRAINED_STEPS = 512, 1_000_000
+WATCHER = """
+import sys
+from websockets.sync.client import connect
+with connect(sys.argv[1], max_size=None) as socket:
+    for message in socket:
+        if isinstance(message, bytes):
+            socket.send('{"got": true}')
+"""
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
 def measure() -> Iterator[Measured]:
     """Record and open."""
+    yield from trained()
     yield "viewer/page/gzip_bytes", len(gzip.compress(page.template().encode(), 9)), "B", 1
     plain, recorded = [], []
     for _ in range(RUNS):
@@ -48,6 +61,40 @@ def measure() -> Iterator[Measured]:
         walls, processors = opened(Path(folder) / "flight.html")
         yield "viewer/open/seconds", Median(walls), "s", OPENED
         yield "viewer/open/processor_seconds", Median(processors), "s", OPENED
+
+
+def trained() -> Iterator[Measured]:
+    """Train without a view, with one that nobody watches, and watched, in turns."""
+    speeds: dict[str, list[float]] = {"off": [], "unwatched": [], "watched": []}
+    for _ in range(RUNS):
+        for kind, found in speeds.items():
+            found.append(training_speed(kind))
+    for kind, found in speeds.items():
+        yield f"viewer/live/{kind}/steps_per_second", Median(found), "1/s", RUNS
+    for kind in ("unwatched", "watched"):  # of neighbours in time, which the machine slows alike
+        shares = [speed / off for speed, off in zip(speeds[kind], speeds["off"], strict=True)]
+        yield f"viewer/live/{kind}/share", Median(shares), "1", RUNS
+
+
+def training_speed(kind: str) -> float:
+    """Return the steps of a training in a second."""
+    envs = flockstep.DroneVectorEnv(TRAINED, task=flockstep.HoverConfig(), autoreset_mode="same_step")
+    model = flockstep.PPO("MlpPolicy", envs, n_steps=32, batch_size=4096, n_epochs=5, seed=0)
+    watcher = None
+    if kind != "off":
+        live = flockstep.view(envs, browser=False)
+        if kind == "watched":
+            address = live.address.replace("http", "ws", 1).replace("/?", "/live?")
+            watcher = subprocess.Popen([sys.executable, "-c", WATCHER, address])
+            while not live.is_watched:
+                time.sleep(0.01)
+    begin = time.perf_counter()
+    model.learn(TRAINED_STEPS)
+    seconds = time.perf_counter() - begin
+    envs.close()
+    if watcher is not None:
+        watcher.wait()
+    return model.num_timesteps / seconds
 
 
 def flown(recorded: int | None) -> tuple[float, flockstep.Recording | None]:

@@ -3,7 +3,7 @@
 On GitHub a link such as ``[x](../examples/x.py)`` opens the file. The site has no such file: there it becomes a link to
 the address "Repository" of pyproject.toml, or the path as code while there is none. The file, and the heading after #,
 must exist. A link to the kept results, or to one of them, becomes links to their tables, which are written for the
-site.
+site. The first image of the site becomes a link to a page that replays a flight.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ except ImportError:  # Python 3.10
 ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"\[([^\]]+)\]\((\.\./[^)#\s]+)(#[^)\s]*)?\)")
 NAMED = re.compile(r"\[([\w-]+\.md)\]\(\1(#[^)\s]*)?\)")  # a link whose text is the name of the file
+IMAGE = re.compile(r"^!\[([^\]]+)\]\(([^)]+)\)$", re.MULTILINE)
+#: A file of `html_extra_path`.
+REPLAY = "```{figure} \\2\n:alt: \\1\n:target: replay.html\n\nFollow a flight from any side: select the image.\n```"
 CSV = ROOT / "build" / "docs" / "results"
 logger = logging.getLogger(__name__)
 
@@ -67,6 +70,8 @@ def replaced(match: re.Match[str], page: str, address: str) -> str:
 def replace_links(app: Sphinx, page: str, source: list[str]) -> None:
     """Replace the links of a page to files outside of docs/, and those that show the name of a page's file."""
     address = repository()
+    if page == app.config.root_doc:
+        source[0] = IMAGE.sub(REPLAY, source[0], count=1)
     source[0] = NAMED.sub(r"[](\1\2)", source[0])  # shows the title of the page
     source[0] = LINK.sub(lambda match: replaced(match, page, address), source[0])
 

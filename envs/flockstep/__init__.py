@@ -8,8 +8,8 @@ environment, and `Task` is the base class for your own tasks. `flockstep.sb3` co
 `flockstep.rllib` to Ray RLlib, ``parallel_env`` to PettingZoo, and `flockstep.testing` checks any Gymnasium vector
 environment. `flockstep.torch` differentiates flights. `PPO` trains a policy, with the settings of `presets` if you
 like, and `flockstep.policies` has trained ones. `evaluate` and `success_rates` test a policy, `record` films a
-flight or writes a `Recording`, `show` replays it, `export` writes a policy for C or ONNX. `render` takes a picture of a
-world. `connect` connects to a server.
+flight or writes a `Recording`, `show` replays it, `view` shows envs live, `export` writes a policy for C or ONNX.
+`render` takes a picture of a world. `connect` connects to a server.
 """
 
 # ruff: noqa: E402 # the check for required packages comes before the imports that need them
@@ -85,7 +85,7 @@ from flockstep.serving import serve
 from flockstep.task import Task
 from flockstep.variations import describe, vary
 from flockstep.vector_env import DroneVectorEnv
-from flockstep.viewer import show
+from flockstep.viewer import LiveView, show, view
 from flockstep.world_pool import WorldPool
 
 __all__ = [
@@ -120,6 +120,7 @@ __all__ = [
     "Lidar",
     "LidarConfig",
     "Light",
+    "LiveView",
     "NativeTask",
     "NavigationConfig",
     "NavigationReward",
@@ -173,6 +174,7 @@ __all__ = [
     "torch",
     "variations",
     "vary",
+    "view",
 ]
 
 registration.register()

@@ -1,9 +1,9 @@
-"""Report what flockstep finds on this machine, and what is missing: ``python -m flockstep doctor``."""
+"""Report what flockstep finds on this machine, and what is missing: ``flockstep doctor``."""
 
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
+import json
 import os
 import platform
 import sys
@@ -11,6 +11,8 @@ import warnings
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    import argparse
+
     from flockstep import _core
 
 #: Packages required to import flockstep: the name for pip and the name for Python.
@@ -22,7 +24,7 @@ _OPTIONAL = (
     ("torch", "torch", "neural networks for training"),
     ("tqdm", "tqdm", "progress bars"),
     ("protobuf", "google.protobuf", "connecting to servers"),
-    ("websockets", "websockets", "connecting to servers"),
+    ("websockets", "websockets", "connecting to servers, live views"),
     ("pillow", "PIL", "pictures"),
     ("imageio-ffmpeg", "imageio_ffmpeg", "films"),
     ("moviepy", "moviepy", "films by Gymnasium's recorders"),
@@ -37,6 +39,8 @@ _OPTIONAL = (
 
 def version_of(package: str) -> str | None:
     """Return the version of an installed package, or None."""
+    import importlib.metadata  # takes as long as a third of flockstep
+
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
@@ -65,16 +69,17 @@ def required() -> list[tuple[str, str]]:
 
 
 def stop_without_required() -> None:
-    """If NumPy or Gymnasium cannot be imported and this is ``python -m flockstep``, print a report and exit.
+    """If NumPy or Gymnasium cannot be imported and this is ``flockstep doctor``, print a report and exit.
 
     Called at the start of ``import flockstep``. While Python looks for the module of ``-m``, `sys.argv` begins with
     ``"-m"``.
     """
-    if sys.argv[:2] != ["-m", "doctor"]:
+    if os.path.basename(sys.argv[0]) not in ("-m", "flockstep") or sys.argv[1:2] != ["doctor"]:
         return
     found = required()
     if any(state != version_of(package) for package, state in found):
-        print_lines([*python_and_system(), *found, ("simulator", "cannot be imported without these packages")])
+        lines = [*python_and_system(), *found, ("simulator", "cannot be imported without these packages")]
+        print_lines(lines, "--json" in sys.argv)
         sys.exit(1)
 
 
@@ -122,13 +127,22 @@ def report() -> list[tuple[str, str]]:
     return [*lines, *((package, state_of(package, module, purpose)) for package, module, purpose in _OPTIONAL)]
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command ``doctor``."""
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=lambda arguments: print_lines(report(), arguments.json))
+
+
 def main() -> None:
     """Print the report."""
     print_lines(report())
 
 
-def print_lines(lines: list[tuple[str, str]]) -> None:
-    """Print names and findings in two columns."""
+def print_lines(lines: list[tuple[str, str]], as_json: bool = False) -> None:
+    """Print names and findings in two columns, or as one JSON object."""
+    if as_json:
+        print(json.dumps(dict(lines)))
+        return
     width = max(len(name) for name, _ in lines)
     for name, found in lines:
         print(f"{name:<{width}}  {found}")

@@ -12,8 +12,9 @@ import numpy.typing as npt
 from flockstep import serialization
 from flockstep._core import Batch
 from flockstep.errors import refuse_masked
+from flockstep.pictures.shown import require_render_mode
 from flockstep.stepping import Observation
-from flockstep.vector_env import DroneVectorEnv, require_render_mode
+from flockstep.vector_env import DroneVectorEnv
 
 
 class DroneEnv(gymnasium.Env[Observation, Any]):
@@ -36,7 +37,7 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
     observation_space, action_space
         As in `gymnasium.Env`.
     render_mode
-        None or ``"rgb_array"``.
+        None, ``"human"`` or ``"rgb_array"``.
     metadata
         Render modes and pictures per second, for Gymnasium.
     spec
@@ -48,7 +49,7 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
     spec: Any = serialization.PlainSpec()
 
     def __init__(self, *, render_mode: str | None = None, **kwargs: Any) -> None:
-        require_render_mode(render_mode, "gymnasium.wrappers.HumanRendering, as gymnasium.make does")
+        require_render_mode(render_mode)
         if kwargs.get("drones_per_env", 1) != 1:
             raise TypeError(
                 f"drones_per_env: expected 1 for a single env, got {kwargs['drones_per_env']!r}; for several drones "

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from flockstep import scenes, stepping
 from flockstep._core import EpisodeEnd, NativeTask
+from flockstep.progress_line import ProgressLine
 from flockstep.recording import actions_of
 from flockstep.recordings import Capture
 from flockstep.recordings.recording import require_saveable
@@ -165,10 +166,12 @@ def first_episodes(
     seed: int,
     watch: Callable[[Any, npt.NDArray[np.bool_]], None] | None = None,
     capture: Capture | None = None,
+    progress: ProgressLine | None = None,
 ) -> list[dict[str, Any]]:
     """Fly envs of ``make_flown`` until each row has ended an episode; return the infos of these ends, close the envs.
 
     After each step ``watch`` is called with the observation, and a mask (N,) of the rows whose first episode goes on.
+    ``progress`` shows how many have ended.
     """
     act = actions_of(model, envs, caller, seed)
     observation, starts = envs.reset(seed=seed)[0], np.ones(envs.num_envs, bool)
@@ -188,7 +191,11 @@ def first_episodes(
         going &= ~starts
         if watch is not None:
             watch(observation, going)
+        if progress is not None and progress.is_due:
+            progress.show(f"{int((~going).sum()):,} of {len(going):,} flights have ended, {progress.seconds:.0f} s")
     envs.close()
+    if progress is not None:
+        progress.clear()
     return [end for end in found if end is not None]
 
 

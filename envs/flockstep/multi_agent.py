@@ -19,6 +19,7 @@ except ImportError as _error:
 
 from flockstep._core import Batch
 from flockstep.errors import refuse_masked
+from flockstep.pictures.shown import require_render_mode
 from flockstep.registration import make_by_id
 from flockstep.stepping import Observation
 from flockstep.vector_env import DroneVectorEnv
@@ -48,7 +49,7 @@ class DroneParallelEnv(ParallelEnv[str, Observation, Any]):  # type: ignore[misc
     state_space
         Space of `state`.
     render_mode
-        None or ``"rgb_array"``.
+        None, ``"human"`` or ``"rgb_array"``.
     metadata
         Name, render modes and pictures per second, for PettingZoo.
     """
@@ -229,8 +230,7 @@ def parallel_env(
     ValueError
         A value is out of range; the message names it.
     """
-    if render_mode not in (None, *DroneParallelEnv.metadata["render_modes"]):
-        raise ValueError(f"render_mode: expected None or 'rgb_array', got {render_mode!r}")
+    require_render_mode(render_mode)
     fixed = [name for name in _FIXED if name in kwargs]
     if fixed:
         raise TypeError(f"parallel_env: {' and '.join(fixed)} cannot be chosen: give num_drones")

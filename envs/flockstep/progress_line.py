@@ -45,3 +45,9 @@ class ProgressLine:
         else:
             self._out.write(f"{text}\n")
         self._out.flush()
+
+    def clear(self) -> None:
+        """Remove the line from a terminal, so that results take its place."""
+        if self._rewrites:
+            self._out.write("\r\x1b[K")
+            self._out.flush()

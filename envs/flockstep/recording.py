@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -41,6 +41,7 @@ def record(
     until_success: int | None = None,
     render_view: str | npt.ArrayLike = "fleet",
     fps: float | None = None,
+    paths: Sequence[npt.ArrayLike] = (),
     quiet: bool = False,
     through: Literal["betaflight"] | None = None,
     **kwargs: Any,
@@ -80,6 +81,8 @@ def record(
     fps
         Pictures per second. The film has one picture before the first step and one after each step. None: the speed of
         flight, ``policy_hz / frame_skip``, rounded, at least 1. Browsers show at most 50 pictures per second of a GIF.
+    paths
+        Planned paths, as in `Recording.writer`. Films have none.
     quiet
         True: show no progress. Otherwise standard error shows the number of pictures so far: one line, kept up to date
         on a terminal, printed every ten seconds to a file.
@@ -105,6 +108,8 @@ def record(
     is_count = isinstance(until_success, (int, np.integer)) and not isinstance(until_success, bool)
     if until_success is not None and not (is_count and until_success >= 1):
         raise ValueError(f"until_success: expected None or an integer >= 1, got {until_success!r}")
+    if is_film and len(paths):
+        raise ValueError(f"paths: expected none for {Path(path).suffix}, got {len(paths)}")
     if is_film:
         _imageio()  # refused before the first step
         kwargs |= {"render_mode": "rgb_array", "render_view": render_view}
@@ -119,7 +124,7 @@ def record(
     observation, starts = envs.reset(seed=seed)[0], np.ones(envs.num_envs, bool)
     fps = envs.metadata["render_fps"] if fps is None else fps
     moments, what = 0, "images" if is_film else "moments"
-    with _Film(path, envs, fps) if is_film else Recording.writer(path, envs) as sink:
+    with _Film(path, envs, fps) if is_film else Recording.writer(path, envs, paths=paths) as sink:
         for step in range(steps + 1):
             chosen = None
             if step > 0:

@@ -46,12 +46,8 @@ def serve(batch: Batch | DroneVectorEnv, config: ServerConfig | None = None, **f
     return Server(served, ServerConfig(**given | fields))
 
 
-def add_command(commands: Any) -> None:
-    """Add the command ``serve`` to a parser's commands."""
-    about = (
-        "let other programs, in C++, Python or any language with WebSockets, see and steer the drones of a simulation"
-    )
-    parser: argparse.ArgumentParser = commands.add_parser("serve", help=about, description=about)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command ``serve``."""
     parser.set_defaults(run=main)
     parser.add_argument("recipe", nargs="?", help="JSON file of a recipe; without it, an empty simulation is served")
     parser.add_argument(

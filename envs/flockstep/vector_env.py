@@ -20,6 +20,7 @@ from flockstep.errors import ClosedError
 from flockstep.keywords import autoreset_name, keywords_of, names_of_worlds, require_count, route, show_keywords
 from flockstep.pictures import choice
 from flockstep.pictures.frames import selected
+from flockstep.pictures.shown import RENDER_MODES, Shown, require_render_mode
 from flockstep.shared_attributes import SharedAttributes
 from flockstep.stepping import AUTORESET_MODES, Array, BoolArray, Observation
 from flockstep.task import DroneLike, Task
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from flockstep.pictures.views import View
 
 
-class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
+class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes, Shown):
     """Many drone envs stepped by one call, with a task of the engine or your own `Task`.
 
     The built-in tasks are navigation, which is the default, and those of the other ids of Gymnasium that begin with
@@ -84,8 +85,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         `step` returns the rewards multiplied by this, for learning algorithms that need small rewards. The episode
         return in the infos and ``batch.reward_terms`` are not scaled.
     render_mode
-        None, or ``"rgb_array"``: a picture of each env. For a window, wrap the env in
-        `gymnasium.wrappers.vector.HumanRendering`.
+        None; ``"human"``: the first reset opens `flockstep.view`; ``"rgb_array"``: `render` returns a picture of each
+        env.
     render_view
         ``"top"``: the whole world from above, cut off above the drone, with LiDAR beams. ``"camera"``: the last frame
         of the drone's own camera; black if it is stale. ``"third_person"``: from behind and above the drone, with LiDAR
@@ -143,7 +144,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
     reward_scale
         Factor of the returned rewards.
     render_mode
-        None or ``"rgb_array"``.
+        None, ``"human"`` or ``"rgb_array"``.
     trail
         The past positions of the drones if the pictures show them, otherwise None.
     metadata
@@ -173,7 +174,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
-        "render_modes": ["rgb_array"],
+        "render_modes": RENDER_MODES,
         "render_fps": 10,  # pictures per second at the speed of the flight; each env sets its own
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
@@ -204,7 +205,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         self._arguments: dict[str, Any] = {**own, **keywords}  # for copies and pickles
         worlds, task, drone, drone_mesh = (serialization.from_plain(x) for x in (worlds, task, drone, drone_mesh))
         given = {name: serialization.from_plain(value) for name, value in keywords.items()}
-        require_render_mode(render_mode, "gymnasium.wrappers.vector.HumanRendering")
+        require_render_mode(render_mode)
         if not isinstance(drone_mesh, (DroneMesh, World, type(None))):
             raise TypeError(f"drone_mesh: expected a flockstep.DroneMesh, a World or None, got {drone_mesh!r}")
         self.reward_scale = stepping.require_reward_scale(reward_scale)
@@ -263,7 +264,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         self._seeded = False  # True once every env has a seed, and so an episode to continue
         self._view: View | None = None
         self.trail: Trail | None = None  # past positions of the drones, if the pictures show them
-        if render_mode is not None:
+        if render_mode == "rgb_array":
             from flockstep.pictures import views  # what draws is not needed to fly
 
             overlay = self.task if isinstance(self.task, Task) else words.get("overlay", "")
@@ -365,8 +366,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         mask = stepping.reset(self, seed, options)
         if self.closed:
             raise ClosedError("the task closed this env during reset(): close it after reset() has returned")
-        if self.trail is not None:
-            self.trail.record(True if mask is None else np.repeat(mask, self.batch.num_drones // len(mask)))
+        self._begun(mask)
         return stepping.returned(self, self.observation()), {}
 
     def step(self, actions: npt.ArrayLike) -> tuple[Observation, Array, BoolArray, BoolArray, dict[str, Any]]:
@@ -391,14 +391,13 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
             `step` was called before the first `reset`.
         """
         stepping.step(self, actions)
-        if self.trail is not None:
-            self.trail.record()
+        self._flown(actions)
         return stepping.results(self)
 
     def render(
         self, indices: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None
     ) -> tuple[npt.NDArray[np.uint8], ...] | None:
-        """Return pictures, (height, width, 3) uint8 each; without a render mode None, with a warning as Gymnasium's.
+        """Return pictures, (height, width, 3) uint8 each, or None, without a render mode with a warning as Gymnasium's.
 
         Parameters
         ----------
@@ -411,8 +410,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
             An index is not an integer from 0 to N - 1.
         """
         self._require_open()
-        if self._view is None:
+        if self._view is None and self.render_mode is None:
             gymnasium.logger.warn("render() returns None: for pictures, make the env with render_mode='rgb_array'")
+        if self._view is None:
             return None
         chosen = range(self.num_envs) if indices is None else selected(indices, self.num_envs)
         drones_per_row = self.drones_per_env // self._rows_per_env
@@ -474,27 +474,19 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
         self._require_open()
         self.batch.restore(blob)
         self._seeded = True
-        if self.trail is not None:
-            self.trail.record(True)
+        self._begun(opens=False)  # copies, too, are restored
         return stepping.returned(self, self.observation())
 
     def close_extras(self, **kwargs: Any) -> None:
         """Release the batch. Arrays returned with ``copy=False`` stay valid."""
+        if self._live is not None:
+            self._live.close()
         self._seeded = False
         self._view = self.trail = None
         self.__dict__.pop("batch", None)
 
     def _require_open(self) -> None:
         stepping.require_open(self)
-
-
-def require_render_mode(mode: str | None, window: str) -> None:
-    """Raise ValueError for an unknown render mode; for ``"human"`` name the wrapper that shows a window."""
-    modes = DroneVectorEnv.metadata["render_modes"]
-    if mode is None or mode in modes:
-        return
-    advice = f"; for a window, wrap an env with render_mode='rgb_array' in {window}" if mode == "human" else ""
-    raise ValueError(f"render_mode: expected None or {', '.join(map(repr, modes))}, got {mode!r}{advice}")
 
 
 OWN_KEYWORDS = show_keywords(DroneVectorEnv)

@@ -1,6 +1,7 @@
 """Opens every page of the site in Debian's Chromium: `./dev docs --test`.
 
-No page is wider than a phone, every request is answered, and the search finds a class by its name.
+No page is wider than a phone, every request is answered, the search finds a class by its name, and the first image
+leads to a flight.
 
 usage: browse.py FOLDER
 """
@@ -64,6 +65,17 @@ def search_failures(page: Page, address: str, word: str) -> list[str]:
     return []
 
 
+def replay_failures(page: Page, address: str) -> list[str]:
+    """Return a failure unless the first image of the site leads to a page that shows a flight."""
+    page.goto(f"{address}/index.html")
+    page.locator("article a > img").first.click()
+    try:
+        page.wait_for_selector("body[data-state=ready]", state="attached")
+    except TimeoutError:
+        return [f"{page.url}: expected a flight, got {page.inner_text('body')!r}"]
+    return []
+
+
 def main(folder: Path) -> int:
     """Return the number of failures."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(QuietHandler, directory=str(folder)))
@@ -75,6 +87,7 @@ def main(folder: Path) -> int:
     with sync_playwright() as playwright:
         # The sandbox does not run as root.
         arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
+        arguments += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # OpenGL without a GPU
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
         page = browser.new_page(viewport=PHONE)
         page.set_default_timeout(TIME_LIMIT_MS)
@@ -85,11 +98,12 @@ def main(folder: Path) -> int:
         page.on("pageerror", lambda error: failures.append(f"{page.url}: {error}"))
         failures += wide_pages(page, address, names)
         failures += search_failures(page, address, SOUGHT)
+        failures += replay_failures(page, address)
         browser.close()
     server.shutdown()
     for failure in failures:
         print(failure)
-    print(f"{len(names)} pages and the search for {SOUGHT}: {len(failures)} failures")
+    print(f"{len(names)} pages, a flight and the search for {SOUGHT}: {len(failures)} failures")
     return len(failures)
 
 

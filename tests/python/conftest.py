@@ -6,6 +6,7 @@ import asyncio
 import importlib
 import logging
 import os
+import runpy
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from chromium import CHROMIUM, FLAGS, TIME_LIMIT_MS
 from clients import Blocking
 
 import flockstep
@@ -118,6 +120,22 @@ def example(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], ModuleType]:
     return importlib.import_module
 
 
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[Any, str, str]]:
+    """Run the command ``flockstep``: returns its exit status or message, standard output and standard error."""
+
+    def run(*arguments: object) -> tuple[Any, str, str]:
+        monkeypatch.setattr(sys, "argv", ["flockstep", *map(str, arguments)])
+        status: Any = 0
+        try:
+            runpy.run_module("flockstep", run_name="__main__")
+        except SystemExit as stop:
+            status = stop.code
+        return status, *capsys.readouterr()
+
+    return run
+
+
 @pytest.fixture(params=["blocking", "asyncio"])
 def connect(request: pytest.FixtureRequest) -> Iterator[Callable[..., Any]]:
     """Both clients: `flockstep.connect`, and `flockstep.connect_async` with calls that wait."""
@@ -146,3 +164,13 @@ def server(batch: flockstep.Batch) -> Iterator[flockstep.Server]:
 def client(server: flockstep.Server) -> Iterator[flockstep.client.Client]:
     with flockstep.connect(server.address) as client:
         yield client
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Headless Chromium, for the tests of a module."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as player:
+        browser = player.chromium.launch(executable_path=CHROMIUM, args=FLAGS, timeout=TIME_LIMIT_MS)
+        yield browser
+        browser.close()

@@ -1,6 +1,6 @@
 // Buttons, lists and keys around the view. Every text of a recording becomes textContent: it is never markup.
 
-import type { EpisodeEnd, Flight } from "./flight";
+import type { CameraInfo, EpisodeEnd, Flight } from "./flight";
 
 export const element = <Kind extends HTMLElement>(id: string): Kind => document.getElementById(id) as Kind;
 
@@ -34,8 +34,8 @@ export function fillSelect(select: HTMLSelectElement, names: string[], act: (ind
   select.onchange = () => act(select.selectedIndex);
 }
 
-export function describe(end: EpisodeEnd, stepS: number): string {
-  return `${end.reason.replace("_", " ")} at ${(end.step * stepS).toFixed(1)} s`;
+export function describe(end: EpisodeEnd, flight: Flight): string {
+  return `${end.reason.replace("_", " ")} at ${flight.timeAt(end.step).toFixed(1)} s`;
 }
 
 /** Lists how episodes ended; a click goes there. */
@@ -43,14 +43,15 @@ export function listEnds(flight: Flight, visit: (end: EpisodeEnd) => void): void
   const box = element("episodes");
   box.hidden = flight.ends.length === 0;
   const list = box.querySelector("ol")!;
-  for (const end of flight.ends.slice(0, mostListed)) {
+  list.replaceChildren();
+  for (const end of flight.ends.slice(-mostListed)) {
     const item = document.createElement("li");
     const button = document.createElement("button");
     const dot = document.createElement("span");
     dot.textContent = "● ";
     dot.style.color = endColor(end.reason);
     const who = flight.rows === 1 ? "" : `${flight.rows === flight.drones ? "drone" : "env"} ${end.row}: `;
-    button.append(dot, `${who}${describe(end, flight.stepS)}, return ${Number(end.reward.toPrecision(4))}`);
+    button.append(dot, `${who}${describe(end, flight)}, return ${Number(end.reward.toPrecision(4))}`);
     button.addEventListener("click", () => visit(end));
     item.append(button);
     list.append(item);
@@ -73,7 +74,7 @@ export function drawTicks(canvas: HTMLCanvasElement, flight: Flight, seconds: nu
   context.fillRect(left, height / 2 - 2, x(seconds) - left, 4);
   let drawn = -1;
   for (const end of flight.ends) {
-    const at = Math.round(x(end.step * flight.stepS));
+    const at = Math.round(x(flight.timeAt(end.step)));
     if (at === drawn && end.row !== row) continue; // of thousands of ends, a few pixels are enough
     drawn = at;
     context.fillStyle = endColor(end.reason);
@@ -102,7 +103,7 @@ export function bindKeys(keys: Key[]): void {
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || element<HTMLDialogElement>("help").open) return;
     const target = event.target as HTMLElement;
-    if (target instanceof HTMLSelectElement) return;
+    if (target instanceof HTMLSelectElement || (target instanceof HTMLInputElement && target.type === "number")) return;
     if (target instanceof HTMLButtonElement && (event.key === " " || event.key === "Enter")) return;
     const found = keys.find((key) => key.keys.includes(event.key) || key.keys.includes(event.key.toLowerCase()));
     if (!found) return;
@@ -111,28 +112,35 @@ export function bindKeys(keys: Key[]): void {
   });
 }
 
-/** Shows the latest image of a drone's camera. */
+/** Shows the latest image of one camera of a drone. */
 export class ImagePanel {
   private shown = -2;
-  private readonly box = element("images");
-  private readonly canvas = this.box.querySelector("canvas")!;
-  private readonly caption = this.box.querySelector("figcaption")!;
+  private readonly canvas = document.createElement("canvas");
+  private readonly caption = document.createElement("figcaption");
 
-  constructor(private readonly flight: Flight) {
-    this.box.hidden = flight.cameras.length === 0;
+  constructor(
+    private readonly flight: Flight,
+    private readonly camera: CameraInfo,
+  ) {
+    const figure = document.createElement("figure");
+    figure.append(this.canvas, this.caption);
+    element("images").append(figure);
+  }
+
+  /** Reads the next image even if its number is that of the shown one: the flight has begun anew. */
+  forget(): void {
+    this.shown = -2;
   }
 
   update(drone: number, step: number): void {
-    const camera = this.flight.cameras[0];
-    if (!camera) return;
+    const { camera } = this;
     const frames = this.flight.column(camera.frames)!;
     const index = frames.values[step * this.flight.drones + drone];
     if (index === this.shown) return;
     this.shown = index;
     this.caption.textContent = index < 0 ? `${camera.name}: no image yet` : camera.name;
     if (index < 0) return;
-    const starts = this.flight.column(`${camera.data}.starts`)!.values;
-    const jpeg = this.flight.column(camera.data)!.values.slice(starts[index], starts[index + 1]) as Uint8Array<ArrayBuffer>;
+    const jpeg = (this.flight.jpeg(camera, index) ?? new Uint8Array()) as Uint8Array<ArrayBuffer>;
     createImageBitmap(new Blob([jpeg], { type: "image/jpeg" })).then(
       (image) => {
         if (this.shown !== index) return;

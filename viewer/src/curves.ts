@@ -25,12 +25,12 @@ export function sampled(flight: Flight, curve: Curves, drone: number): (number |
   const part = Math.ceil(flight.steps / (mostPoints / 2));
   if (flight.steps <= mostPoints) {
     const steps = Array.from({ length: flight.steps }, (_, step) => step);
-    return [steps.map((step) => step * flight.stepS), ...names.map((_, i) => steps.map((step) => at(step, i)))];
+    return [steps.map((step) => flight.timeAt(step)), ...names.map((_, i) => steps.map((step) => at(step, i)))];
   }
   const times: number[] = [];
   const series: (number | null)[][] = names.map(() => []);
   for (let first = 0; first < flight.steps; first += part) {
-    times.push(first * flight.stepS, (first + part / 2) * flight.stepS);
+    times.push(flight.timeAt(first), flight.timeAt(first + part / 2));
     for (const [i, values] of series.entries()) {
       let [low, high]: (number | null)[] = [null, null];
       for (let step = first; step < Math.min(first + part, flight.steps); step++) {
@@ -58,7 +58,7 @@ function limits(series: (number | null)[][]): [number, number] {
 }
 
 export class CurvePanel {
-  private plots: { plot: uPlot; readings: HTMLElement[]; curve: Curves }[] = [];
+  private plots: { plot: uPlot; readings: HTMLElement[]; curve: Curves; setRange: (range: [number, number]) => void }[] = [];
   private shown: Set<string>;
   private drone = 0;
   private seconds = 0;
@@ -124,7 +124,7 @@ export class CurvePanel {
     this.panel.append(box);
     const axis = { stroke: "#8b97a8", grid: { stroke: "#222b38", width: 1 }, ticks: { show: false }, font: "11px system-ui", gap: 2 };
     const data = sampled(this.flight, curve, this.drone);
-    const range = limits(data.slice(1));
+    let range = limits(data.slice(1));
     const plot = new uPlot(
       {
         ...this.size(chart),
@@ -154,7 +154,16 @@ export class CurvePanel {
     plot.over.addEventListener("pointermove", (event) => {
       if (event.buttons & 1) this.seek(plot.posToVal(event.offsetX, "x"));
     });
-    return { plot, readings, curve };
+    return { plot, readings, curve, setRange: (next) => (range = next) };
+  }
+
+  /** Draws the curves of a flight that has grown. */
+  grow(): void {
+    for (const { plot, curve, setRange } of this.plots) {
+      const data = sampled(this.flight, curve, this.drone);
+      setRange(limits(data.slice(1)));
+      plot.setData(data as uPlot.AlignedData);
+    }
   }
 
   update(seconds: number): void {

@@ -31,6 +31,7 @@ export class Drones {
   /** Pose of each shown drone: position, then quaternion x, y, z, w. */
   readonly poses = new Map<number, Float64Array>();
   private body: THREE.InstancedMesh[] = [];
+  private hull: THREE.InstancedMesh[] = [];
   private blades: THREE.InstancedMesh[] = [];
   private discs!: THREE.InstancedMesh;
   private readonly drops: THREE.InstancedMesh;
@@ -74,7 +75,15 @@ export class Drones {
 
   static async make(flight: Flight, isGhost: boolean): Promise<Drones> {
     const drones = new Drones(flight, isGhost);
-    for (const part of await parts(flight.drone.glb)) {
+    drones.body = await drones.meshes(flight.drone.glb);
+    if (flight.drone.hull) drones.hull = await drones.meshes(flight.drone.hull);
+    drones.addRotors();
+    return drones;
+  }
+
+  private async meshes(glb: Uint8Array): Promise<THREE.InstancedMesh[]> {
+    const { isGhost } = this;
+    return (await parts(glb)).map((part) => {
       const material = new THREE.MeshPhongMaterial({
         color: part.color.clone().lerp(new THREE.Color(isGhost ? ghostColor : 0xffffff), isGhost ? 0.75 : 0),
         vertexColors: part.geometry.hasAttribute("color"),
@@ -85,10 +94,8 @@ export class Drones {
         transparent: isGhost,
         opacity: isGhost ? 0.5 : 1,
       });
-      drones.body.push(drones.instances(part.geometry, material));
-    }
-    drones.addRotors();
-    return drones;
+      return this.instances(part.geometry, material);
+    });
   }
 
   private instances(geometry: THREE.BufferGeometry, material: THREE.Material, each = 1): THREE.InstancedMesh {
@@ -118,7 +125,7 @@ export class Drones {
   }
 
   /** Places all that is shown at a time. */
-  update({ flight, drones, seconds, hidden }: Shown, layers: { trails: boolean; shadows: boolean }): void {
+  update({ flight, drones, seconds, hidden }: Shown, layers: { trails: boolean; shadows: boolean; hull: boolean }): void {
     const step = flight.stepAt(seconds);
     const matrix = new THREE.Matrix4();
     const local = new THREE.Matrix4();
@@ -131,6 +138,10 @@ export class Drones {
     const size = flight.drone.rotor_m + Math.max(...hubs.map(([x, y]) => Math.hypot(x, y)), 0);
     const lights = ["position", "color"].map((name) => this.lights.geometry.getAttribute(name) as THREE.BufferAttribute);
     const color = new THREE.Color();
+    const isHull = layers.hull && this.hull.length > 0;
+    const bodies = isHull ? this.hull : this.body;
+    for (const mesh of this.hull) mesh.visible = isHull;
+    for (const mesh of [...this.body, ...this.blades, this.discs]) mesh.visible = !isHull;
     let [count, front, rear, dropped] = [0, 0, 0, 0];
     this.poses.clear();
     for (const drone of drones) {
@@ -141,7 +152,7 @@ export class Drones {
       position.set(pose[0], pose[1], pose[2]);
       quat.set(pose[3], pose[4], pose[5], pose[6]);
       matrix.compose(position, quat, one);
-      for (const mesh of this.body) mesh.setMatrixAt(count, matrix);
+      for (const mesh of bodies) mesh.setMatrixAt(count, matrix);
       lights[0].setXYZ(count, pose[0], pose[1], pose[2]);
       color.set(this.isGhost ? ghostColor : droneColor(drone));
       lights[1].setXYZ(count, color.r, color.g, color.b);
@@ -162,13 +173,13 @@ export class Drones {
       }
       count++;
     }
-    for (const mesh of this.body) mesh.count = count;
+    for (const mesh of bodies) mesh.count = count;
     this.discs.count = count * hubs.length;
     if (this.blades.length) [this.blades[0].count, this.blades[1].count] = [front, rear];
     this.drops.count = dropped;
     this.lights.geometry.setDrawRange(0, count);
     for (const attribute of lights) attribute.needsUpdate = true;
-    for (const mesh of [...this.body, ...this.blades, this.discs, this.drops]) mesh.instanceMatrix.needsUpdate = true;
+    for (const mesh of [...bodies, ...this.blades, this.discs, this.drops]) mesh.instanceMatrix.needsUpdate = true;
     this.trail.visible = layers.trails;
     if (layers.trails) this.updateTrails(flight, drones, step);
   }

@@ -1,6 +1,6 @@
 // A recorded flight as the page holds it. Python writes it in flockstep/viewer/packing.py, which says what each name means.
 
-export type Numbers = Float32Array | Int32Array | Uint16Array | Int16Array | Uint8Array;
+export type Numbers = Float64Array | Float32Array | Int32Array | Uint16Array | Int16Array | Uint8Array;
 
 export interface Column {
   name: string;
@@ -10,6 +10,8 @@ export interface Column {
   scale: number;
   offset: number;
   none: number | null;
+  /** Of a flight that grows: a longer array, in which `values` are the first numbers. */
+  room?: Numbers;
 }
 
 export interface WorldInfo {
@@ -43,7 +45,6 @@ export interface LidarInfo {
 export interface CameraInfo {
   name: string;
   frames: string;
-  data: string;
   offset_m: number[];
   quat_wxyz: number[];
   /** Tangents of half the fields of view, horizontal and vertical. */
@@ -68,23 +69,29 @@ export interface EpisodeEnd {
 
 interface Header {
   format: number;
+  /** True if the moments are added to an earlier flight, which has all worlds and bodies before the first of these. */
+  goes_on: boolean;
+  first_world: number;
+  first_body: number;
   title: string;
-  step_s: number;
   steps: number;
   envs: number;
   per_env: number;
   rows: number;
   worlds: (Omit<WorldInfo, "glb"> & { glb: [number, number] })[];
   bodies: (Omit<BodyInfo, "glb"> & { glb: [number, number] })[];
-  drone: { name: string; glb: [number, number]; spins: number[]; hubs: number[][]; rotor_m: number };
+  drone: { name: string; glb: [number, number]; hull?: [number, number]; spins: number[]; hubs: number[][]; rotor_m: number } | null;
   scanners: LidarInfo[];
-  cameras: CameraInfo[];
+  /** Number of the first image, where it begins, and where each image ends. */
+  cameras: (CameraInfo & { first: number; data: number[] })[];
   curves: Curves[];
   ends: EpisodeEnd[];
+  paths?: number[][][];
   arrays: { name: string; dtype: string; shape: number[]; at: number; scale: number; offset: number; none: number | null }[];
 }
 
 const kinds: Record<string, new (buffer: ArrayBuffer, at: number, length: number) => Numbers> = {
+  f8: Float64Array,
   f4: Float32Array,
   i4: Int32Array,
   u2: Uint16Array,
@@ -92,34 +99,59 @@ const kinds: Record<string, new (buffer: ArrayBuffer, at: number, length: number
   u1: Uint8Array,
 };
 
+/** Size of the moments that a flight keeps, if it grows. */
+const mostBytes = 1 << 27;
+
+/** Adds numbers behind those of a column. */
+function extend(column: Column, more: Column): void {
+  const [used, size] = [column.values.length, column.values.length + more.values.length];
+  if (!column.room || column.room.length < size) {
+    column.room = new (column.values.constructor as new (length: number) => Numbers)(2 * size);
+    column.room.set(column.values);
+  }
+  const ratio = more.scale / column.scale;
+  column.room.set(ratio === 1 ? more.values : more.values.map((number) => (number === more.none ? number : Math.min(Math.round(number * ratio), 65534))), used);
+  column.values = column.room.subarray(0, size);
+  column.shape[0] += more.shape[0];
+}
+
 /** One flight: what a page replays. Times are in seconds from its first moment; a moment has a number, the step. */
 export class Flight {
   readonly title: string;
-  readonly stepS: number;
-  readonly steps: number;
+  readonly goesOn: boolean;
+  private readonly firstWorld: number;
+  private readonly firstBody: number;
+  steps: number;
+  /** A flight that grows keeps as many of its last moments as come in ten minutes, and fewer if they are large. */
+  mostMoments = 18_000;
   readonly envs: number;
   readonly perEnv: number;
   readonly rows: number;
   readonly drones: number;
   readonly worlds: WorldInfo[];
   readonly bodies: BodyInfo[];
-  readonly drone: Omit<Header["drone"], "glb"> & { glb: Uint8Array };
+  /** The hull is what collides; null if it is also what is shown. */
+  readonly drone: Omit<NonNullable<Header["drone"]>, "glb" | "hull"> & { glb: Uint8Array; hull: Uint8Array | null };
   readonly lidars: LidarInfo[];
   readonly cameras: CameraInfo[];
   readonly curves: Curves[];
-  readonly ends: EpisodeEnd[];
-  private readonly columns = new Map<string, Column>();
+  ends: EpisodeEnd[];
+  /** Planned paths of points, one for each env in turn. */
+  readonly paths: number[][][];
+  private columns = new Map<string, Column>();
+  private images: { first: number; files: Uint8Array[] }[];
   /** First step of the episode of each drone at each of its ends, ascending. */
-  private readonly breaks: number[][];
+  private breaks: number[][];
 
   constructor(data: ArrayBuffer) {
     const size = new DataView(data).getUint32(0, true);
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, size))) as Header;
-    if (header.format !== 1) throw new Error(`this page reads flights of format 1, not ${String(header.format)}`);
+    if (header.format !== 2) throw new Error(`this page reads flights of format 2, not ${String(header.format)}`);
     const start = 4 + size + ((8 - ((4 + size) % 8)) % 8);
     const bytes = ([at, length]: [number, number]): Uint8Array => new Uint8Array(data, start + at, length);
     this.title = header.title;
-    this.stepS = header.step_s;
+    this.goesOn = header.goes_on;
+    [this.firstWorld, this.firstBody] = [header.first_world, header.first_body];
     this.steps = header.steps;
     this.envs = header.envs;
     this.perEnv = header.per_env;
@@ -127,11 +159,14 @@ export class Flight {
     this.drones = this.envs * this.perEnv;
     this.worlds = header.worlds.map((world) => ({ ...world, glb: bytes(world.glb) }));
     this.bodies = header.bodies.map((body) => ({ ...body, glb: bytes(body.glb) }));
-    this.drone = { ...header.drone, glb: bytes(header.drone.glb) };
+    const drone = header.drone ?? { name: "", glb: [0, 0], spins: [], hubs: [], rotor_m: 0 }; // the earlier flight has it
+    this.drone = { ...drone, glb: bytes(drone.glb), hull: drone.hull && drone.hull[0] !== drone.glb[0] ? bytes(drone.hull) : null };
     this.lidars = header.scanners;
     this.cameras = header.cameras;
+    this.images = header.cameras.map(({ first, data: [begin, ...ends] }) => ({ first, files: ends.map((end, i) => bytes([i ? ends[i - 1] : begin, end - (i ? ends[i - 1] : begin)])) }));
     this.curves = header.curves;
     this.ends = header.ends;
+    this.paths = header.paths ?? [];
     for (const { dtype, at, ...column } of header.arrays) {
       const length = column.shape.reduce((product, side) => product * side, 1);
       const Kind = kinds[dtype];
@@ -139,22 +174,94 @@ export class Flight {
       this.columns.set(column.name, { ...column, values: new Kind(data, start + at, length) });
     }
     this.breaks = Array.from({ length: this.drones }, () => []);
+    this.findBreaks(1);
+  }
+
+  private findBreaks(first: number): void {
     const counts = this.column("episode");
     if (counts)
       for (let drone = 0; drone < this.drones; drone++)
-        for (let step = 1; step < this.steps; step++)
+        for (let step = first; step < this.steps; step++)
           if (counts.values[step * this.drones + drone] !== counts.values[(step - 1) * this.drones + drone])
             this.breaks[drone].push(step);
   }
 
+  /** Adds the moments of a newer flight, or replaces all by them. Returns the seconds that were forgotten at the begin. */
+  add(next: Flight): number {
+    this.worlds.splice(next.firstWorld, Infinity, ...next.worlds);
+    this.bodies.splice(next.firstBody, Infinity, ...next.bodies);
+    if (!next.goesOn) {
+      ({ steps: this.steps, ends: this.ends, columns: this.columns, images: this.images, breaks: this.breaks } = next);
+      return 0;
+    }
+    for (const column of next.columns.values()) {
+      const own = this.columns.get(column.name);
+      if (own) extend(own, column);
+    }
+    for (const [i, { files }] of next.images.entries()) this.images[i].files.push(...files);
+    for (const end of next.ends) this.ends.push({ ...end, step: end.step + this.steps });
+    this.steps += next.steps;
+    this.findBreaks(this.steps - next.steps);
+    return this.forget();
+  }
+
+  private forget(): number {
+    const moments = [...this.columns.values()].filter((column) => !this.lidars.some(({ directions }) => directions === column.name));
+    const bytes = moments.reduce((sum, column) => sum + column.values.byteLength, 0);
+    const most = Math.max(Math.min(this.mostMoments, Math.floor((mostBytes * this.steps) / bytes)), 2);
+    if (this.steps < 1.25 * most) return 0; // not at each moment: everything moves
+    const drop = this.steps - most;
+    const gone = this.timeAt(drop);
+    for (const column of moments) {
+      const width = column.values.length / column.shape[0];
+      column.values.copyWithin(0, drop * width);
+      column.values = column.values.subarray(0, column.values.length - drop * width);
+      column.shape[0] -= drop;
+    }
+    this.steps = most;
+    const times = this.column("time_s")!.values;
+    for (let step = 0; step < most; step++) times[step] -= gone;
+    this.breaks = this.breaks.map((steps) => steps.map((step) => step - drop).filter((step) => step > 0));
+    this.ends = this.ends.map((end) => ({ ...end, step: end.step - drop })).filter((end) => end.step >= 0);
+    for (const [i, images] of this.images.entries()) {
+      const shown = this.column(this.cameras[i].frames)!.values.subarray(0, this.drones).filter((index) => index >= 0);
+      const first = shown.length === this.drones ? Math.min(...shown) : images.first;
+      images.files.splice(0, first - images.first);
+      images.first = first;
+    }
+    return gone;
+  }
+
   get seconds(): number {
-    return Math.max(this.steps - 1, 0) * this.stepS;
+    return this.timeAt(this.steps - 1);
+  }
+
+  /** Seconds of a step, or of the nearest that exists. */
+  timeAt(step: number): number {
+    return this.column("time_s")!.values[Math.min(Math.max(step, 0), this.steps - 1)] ?? 0;
   }
 
   /** Number of the step at or before a time. */
   stepAt(seconds: number): number {
-    const step = Math.floor(seconds / this.stepS + 1e-6);
-    return Math.min(Math.max(step, 0), this.steps - 1);
+    let [low, high] = [0, this.steps];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (this.timeAt(middle) <= seconds + 1e-6) low = middle + 1;
+      else high = middle;
+    }
+    return Math.max(low - 1, 0);
+  }
+
+  /** Share of the time from a step to the next that has passed, from 0 to 1. */
+  partOf(step: number, seconds: number): number {
+    const [begin, end] = [this.timeAt(step), this.timeAt(step + 1)];
+    return end > begin ? Math.min(Math.max((seconds - begin) / (end - begin), 0), 1) : 0;
+  }
+
+  /** An image of a camera as JPEG, by its number in the camera's column. */
+  jpeg(camera: CameraInfo, index: number): Uint8Array | undefined {
+    const { first, files } = this.images[this.cameras.indexOf(camera)];
+    return files[index - first];
   }
 
   column(name: string): Column | undefined {
@@ -210,7 +317,7 @@ export class Flight {
     if (!isPose(a)) return false;
     const follows = joined && isPose(next * this.drones + drone);
     const b = follows ? next * this.drones + drone : a;
-    const part = follows ? Math.min(Math.max(seconds / this.stepS - step, 0), 1) : 0;
+    const part = follows ? this.partOf(step, seconds) : 0;
     for (let axis = 0; axis < 3; axis++) out[axis] = p[3 * a + axis] + part * (p[3 * b + axis] - p[3 * a + axis]);
     let dot = 0;
     for (let axis = 0; axis < 4; axis++) dot += q[4 * a + axis] * q[4 * b + axis];

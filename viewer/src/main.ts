@@ -5,7 +5,8 @@ import { modes, Viewer, type Mode } from "./cameras";
 import { bindKeys, describe, drawTicks, element, endColor, fillSelect, ImagePanel, listEnds, toggle, type Key } from "./controls";
 import { CurvePanel } from "./curves";
 import { ghostColor } from "./drones";
-import { unpack, type Flight } from "./flight";
+import { Flight, unpack } from "./flight";
+import { Live } from "./live";
 import { Stage, type Choice } from "./stage";
 
 THREE.Object3D.DEFAULT_UP.set(0, 0, 1);
@@ -25,7 +26,7 @@ class Page {
     seconds: 0,
     sideBySide: false,
     ghost: true,
-    layers: { beams: true, frustum: true, contacts: true, trails: true, roof: false, markers: true, peephole: true },
+    layers: { beams: true, frustum: true, contacts: true, path: true, trails: true, hull: false, roof: false, markers: true, peephole: true },
   };
   speed = 1;
   isPlaying = false;
@@ -33,23 +34,23 @@ class Page {
   drawn = 0;
   readyMs = 0;
   private isDirty = true;
+  private hasGrown = false;
+  private grownAt = 0;
   private before = 0;
   private jumped = true;
   private readonly flight: Flight;
-  private readonly total: number;
   readonly viewer: Viewer;
   readonly stage: Stage;
   private readonly curves: CurvePanel;
-  private readonly images: ImagePanel;
+  private readonly images: ImagePanel[];
   private readonly buttons = new Map<string, HTMLButtonElement>();
 
   constructor(readonly flights: Flight[]) {
     this.flight = flights[0];
-    this.total = Math.max(...flights.map((flight) => flight.seconds));
     this.viewer = new Viewer(element("view"), () => this.invalidate());
     this.stage = new Stage(element("view"), this.viewer, () => this.invalidate());
     this.curves = new CurvePanel(this.flight, element("chips"), element("curves"), (seconds) => this.seek(seconds));
-    this.images = new ImagePanel(this.flight);
+    this.images = this.flight.cameras.map((camera) => new ImagePanel(this.flight, camera));
     const camera = this.flight.cameras[0];
     if (camera) {
       const [w, x, y, z] = camera.quat_wxyz;
@@ -74,6 +75,46 @@ class Page {
       this.invalidate();
     }).observe(element("view"));
     requestAnimationFrame((now) => this.frame(now));
+  }
+
+  private get total(): number {
+    return Math.max(...this.flights.map((flight) => flight.seconds));
+  }
+
+  /** Adds moments to the flight, and shows the last one if the one before was shown. */
+  add(next: Flight): void {
+    const { choice, flight } = this;
+    const follows = !next.goesOn || (choice.seconds >= this.total && !this.isPlaying);
+    const gone = flight.add(next);
+    choice.seconds = follows ? this.total : Math.max(choice.seconds - gone, 0);
+    if (!next.goesOn) {
+      this.stage.renderer.shadowMap.needsUpdate = this.jumped = true;
+      for (const panel of this.images) panel.forget();
+      this.describeFlight();
+    }
+    this.stage.grow().catch(fail);
+    this.isDirty = this.hasGrown = true;
+  }
+
+  private grow(now: number): void {
+    if (!this.hasGrown || now - this.grownAt < 250) return; // charts and lists cost more than a moment in 3D
+    [this.hasGrown, this.grownAt] = [false, now];
+    this.curves.grow();
+    this.listEnds();
+  }
+
+  private listEnds(): void {
+    const { flight } = this;
+    listEnds(flight, (end) => {
+      this.choose(flight.rows === flight.drones ? end.row : end.row * flight.perEnv);
+      this.seek(flight.timeAt(end.step));
+    });
+  }
+
+  private describeFlight(): void {
+    const { flight } = this;
+    const count = (number: number, noun: string): string => `${number.toLocaleString("en")} ${noun}${number === 1 ? "" : "s"}`;
+    element("about").textContent = [flight.worlds[flight.worldOf(0, 0)].name, flight.envs > 1 ? count(flight.envs, "env") : "", count(flight.drones, "drone"), flight.drone.name, this.total ? `${this.total.toFixed(1)} s` : ""].filter(Boolean).map((words) => words.replaceAll(" ", "\u00a0")).join(" · ");
   }
 
   invalidate(): void {
@@ -124,8 +165,7 @@ class Page {
   private fillControls(): void {
     const { flight, choice } = this;
     element("title").textContent = document.title = flight.title;
-    const count = (number: number, noun: string): string => `${number.toLocaleString("en")} ${noun}${number === 1 ? "" : "s"}`;
-    element("about").textContent = [flight.worlds[flight.worldOf(0, 0)].name, flight.envs > 1 ? count(flight.envs, "env") : "", count(flight.drones, "drone"), flight.drone.name, `${this.total.toFixed(1)} s`].filter(Boolean).map((words) => words.replaceAll(" ", "\u00a0")).join(" · ");
+    this.describeFlight();
     for (const mode of modes) {
       const button = toggle(element("modes"), mode[0].toUpperCase() + mode.slice(1), mode === "orbit", () => this.setMode(mode));
       this.buttons.set(mode, button);
@@ -140,10 +180,12 @@ class Page {
     this.fillDrones();
     const layers: [keyof Choice["layers"], string, boolean][] = [
       ["trails", "Trail", true],
+      ["path", "Planned path", flight.paths.length > 0],
       ["beams", "Beams", flight.lidars.length > 0],
       ["frustum", "Frustum", flight.cameras.length > 0],
       ["contacts", "Contacts", true],
       ["markers", "Markers", true],
+      ["hull", "Hull", flight.drone.hull !== null],
       ["roof", "Roof", flight.worlds.some((world) => world.cut_m !== null)],
       ["peephole", "See through", true],
     ];
@@ -159,11 +201,7 @@ class Page {
     element("compare").hidden = this.flights.length < 2;
     this.buttons.set("ghost", toggle(element("compare"), "Ghost", true, (isOn) => this.compare(false, isOn)));
     this.buttons.set("side", toggle(element("compare"), "Side by side", false, (isOn) => this.compare(isOn, true)));
-    listEnds(flight, (end) => {
-      this.choose(flight.rows === flight.drones ? end.row : end.row * flight.perEnv);
-      this.seek(end.step * flight.stepS);
-    });
-    element<HTMLInputElement>("time").max = String(Math.max(this.total, 1e-9));
+    this.listEnds();
   }
 
   private compare(sideBySide: boolean, ghost: boolean): void {
@@ -186,7 +224,8 @@ class Page {
     const help = element<HTMLDialogElement>("help");
     element("help-button").addEventListener("click", () => help.showModal());
     const press = (name: string): void => this.buttons.get(name)?.click();
-    const step = this.flight.stepS;
+    const by = (steps: number, seconds: number) => (event: KeyboardEvent) =>
+      this.seek(event.shiftKey ? this.choice.seconds + seconds : this.flight.timeAt(this.flight.stepAt(this.choice.seconds) + steps));
     const speed = (by: number): void => {
       const select = element<HTMLSelectElement>("speed");
       select.selectedIndex = Math.min(Math.max(select.selectedIndex + by, 0), select.options.length - 1);
@@ -194,20 +233,22 @@ class Page {
     };
     const keys: Key[] = [
       { keys: [" ", "k"], shown: "Space", about: "play or pause", act: () => this.play(!this.isPlaying) },
-      { keys: ["ArrowLeft"], shown: "← →", about: "one step; with Shift one second", act: (event) => this.seek(this.choice.seconds - (event.shiftKey ? 1 : step)) },
+      { keys: ["ArrowLeft"], shown: "← →", about: "one step; with Shift one second", act: by(-1, -1) },
       { keys: ["Home"], shown: "Home End", about: "begin and end", act: () => this.seek(0) },
       { keys: ["[", ","], shown: "[ ]", about: "slower, faster", act: () => speed(-1) },
       { keys: ["1"], shown: "1 2 3 4", about: "orbit, follow, drone's eye, free camera", act: () => this.setMode("orbit") },
       { keys: ["n"], shown: "N P", about: "next and previous drone", act: () => this.choose(this.choice.drone + 1) },
       { keys: ["b"], shown: "B", about: "LiDAR beams", act: () => press("beams") },
       { keys: ["t"], shown: "T", about: "trail", act: () => press("trails") },
+      { keys: ["l"], shown: "L", about: "planned path", act: () => press("path") },
+      { keys: ["m"], shown: "M", about: "hull: what collides, instead of the drone's mesh", act: () => press("hull") },
       { keys: ["r"], shown: "R", about: "roof", act: () => press("roof") },
       { keys: ["g"], shown: "G", about: "ghost: the second flight in the same view", act: () => press("ghost") },
       { keys: ["c"], shown: "C", about: "side by side", act: () => press("side") },
       { keys: ["?", "h"], shown: "?", about: "this help", act: () => help.showModal() },
     ];
     const rest: Key[] = [
-      { keys: ["ArrowRight"], shown: "", about: "", act: (event) => this.seek(this.choice.seconds + (event.shiftKey ? 1 : step)) },
+      { keys: ["ArrowRight"], shown: "", about: "", act: by(1, 1) },
       { keys: ["End"], shown: "", about: "", act: () => this.seek(this.total) },
       { keys: ["]", "."], shown: "", about: "", act: () => speed(1) },
       { keys: ["p"], shown: "", about: "", act: () => this.choose(this.choice.drone - 1) },
@@ -235,6 +276,7 @@ class Page {
       this.isDirty = true;
     }
     if (this.viewer.isMoving) this.isDirty = true;
+    this.grow(now);
     if (this.isDirty) {
       this.isDirty = false;
       try {
@@ -255,11 +297,13 @@ class Page {
     this.stage.draw(choice);
     this.jumped = false;
     const step = flight.stepAt(choice.seconds);
-    element<HTMLInputElement>("time").value = String(choice.seconds);
+    const time = element<HTMLInputElement>("time");
+    time.max = String(Math.max(this.total, 1e-9));
+    time.value = String(choice.seconds);
     element("clock").textContent = `${choice.seconds.toFixed(2)} / ${this.total.toFixed(1)} s`;
     drawTicks(element("ticks"), flight, choice.seconds, this.total, flight.rowOf(choice.drone));
     this.curves.update(choice.seconds);
-    this.images.update(choice.drone, step);
+    for (const panel of this.images) panel.update(choice.drone, step);
     this.describe(step);
     this.describeGhost();
     this.drawn++;
@@ -275,7 +319,7 @@ class Page {
     const drone = Math.min(this.choice.drone, flight.drones - 1);
     const step = flight.stepAt(this.choice.seconds);
     const end = flight.endOf(flight.rowOf(drone), flight.episodeStart(drone, step));
-    const ended = end && end.step <= step ? describe(end, flight.stepS) : "flies";
+    const ended = end && end.step <= step ? describe(end, flight) : "flies";
     element("state-b").textContent = `${flight.title}: ${ended}`;
     element("state-b").style.color = ghostColor;
   }
@@ -298,14 +342,27 @@ class Page {
     const end = flight.endOf(flight.rowOf(choice.drone), flight.episodeStart(choice.drone, step));
     if (!end || end.step > step) return;
     const ended = document.createElement("span");
-    ended.textContent = ` · ${describe(end, flight.stepS)}`;
+    ended.textContent = ` · ${describe(end, flight)}`;
     ended.style.color = endColor(end.reason);
     state.append(ended);
   }
 }
 
+async function show(flights: Flight[]): Promise<Page> {
+  const page = new Page(flights);
+  Object.assign(globalThis, { flockstep: { ...(globalThis as { flockstep?: object }).flockstep, page, flights } }); // for tests and the curious
+  await page.start();
+  return page;
+}
+
 async function main(): Promise<void> {
   performance.mark("start");
+  const source = document.getElementById("live");
+  if (source) {
+    const live = new Live(JSON.parse(source.textContent ?? ""), async (flight) => show([flight]), fail);
+    Object.assign(globalThis, { flockstep: { live } });
+    return;
+  }
   const blocks = document.querySelectorAll<HTMLScriptElement>("script[type='application/gzip']");
   const flights: Flight[] = [];
   for (const block of blocks) {
@@ -314,9 +371,7 @@ async function main(): Promise<void> {
   }
   if (!flights.length) throw new Error("the page holds no flight");
   performance.mark("unpacked");
-  const page = new Page(flights);
-  Object.assign(globalThis, { flockstep: { page, flights } }); // for tests and the curious
-  await page.start();
+  await show(flights);
 }
 
 main().catch(fail);

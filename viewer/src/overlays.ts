@@ -3,19 +3,24 @@
 import * as THREE from "three";
 import { LineSegments2 } from "three/examples/jsm/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/examples/jsm/lines/LineSegmentsGeometry.js";
+import { Line2 } from "three/examples/jsm/lines/Line2.js";
+import { LineGeometry } from "three/examples/jsm/lines/LineGeometry.js";
 import { LineMaterial } from "three/examples/jsm/lines/LineMaterial.js";
 import { parts } from "./glb";
 import type { Drones } from "./drones";
-import type { CameraInfo, Flight, LidarInfo } from "./flight";
-import { glow } from "./world";
+import type { BodyInfo, CameraInfo, Flight, LidarInfo } from "./flight";
+import { dispose, glow } from "./world";
 
 const beamColor = new THREE.Color(0xff8a4c);
 const mostBeams = 16_384;
+/** How long contacts are shown, s. */
+const lastsS = 1.5;
 
 export interface Layers {
   beams: boolean;
   frustum: boolean;
   contacts: boolean;
+  path: boolean;
 }
 
 export class Overlays {
@@ -24,7 +29,8 @@ export class Overlays {
   private readonly hits: THREE.Points;
   private readonly frustum: LineSegments2;
   private readonly contacts: THREE.Sprite[] = [];
-  private readonly bodies: THREE.Group[] = [];
+  private readonly paths: Line2[];
+  private readonly bodies: { info: BodyInfo; group: THREE.Group }[] = [];
 
   private constructor(private readonly flight: Flight) {
     const beams = new THREE.BufferGeometry();
@@ -34,8 +40,10 @@ export class Overlays {
     const hits = new THREE.BufferGeometry();
     hits.setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * mostBeams), 3).setUsage(THREE.DynamicDrawUsage));
     this.hits = new THREE.Points(hits, new THREE.PointsMaterial({ color: 0xffd9a0, map: glow(0).map, size: 13, sizeAttenuation: false, depthWrite: false, transparent: true, opacity: 0.95 }));
-    this.frustum = new LineSegments2(new LineSegmentsGeometry().setPositions(new Float32Array(6 * 8)), new LineMaterial({ color: 0xc88cff, linewidth: 1.5, transparent: true, opacity: 0.8 }));
-    for (const shown of [this.beams, this.hits, this.frustum]) {
+    this.frustum = new LineSegments2(new LineSegmentsGeometry().setPositions(new Float32Array(6 * 8 * Math.max(flight.cameras.length, 1))), new LineMaterial({ color: 0xc88cff, linewidth: 1.5, transparent: true, opacity: 0.8 }));
+    const dashes = new LineMaterial({ color: 0xffffff, linewidth: 2, dashed: true, dashSize: 0.18, gapSize: 0.12, transparent: true, opacity: 0.75 });
+    this.paths = flight.paths.map((points) => new Line2(new LineGeometry().setPositions(points.flat()), dashes).computeLineDistances());
+    for (const shown of [this.beams, this.hits, this.frustum, ...this.paths]) {
       shown.frustumCulled = false;
       this.group.add(shown);
     }
@@ -43,25 +51,28 @@ export class Overlays {
 
   static async make(flight: Flight): Promise<Overlays> {
     const overlays = new Overlays(flight);
-    const made = new Map<Uint8Array, THREE.Group>();
-    for (const body of flight.bodies) {
-      let group = made.get(body.glb);
-      if (!group) {
-        group = new THREE.Group();
-        for (const part of await parts(body.glb)) {
-          const material = new THREE.MeshLambertMaterial({ color: part.color, emissive: part.emissive, map: part.texture, vertexColors: part.geometry.hasAttribute("color"), flatShading: !part.isSmooth, side: THREE.DoubleSide });
-          group.add(new THREE.Mesh(part.geometry, material));
-        }
-        made.set(body.glb, group);
-      } else group = group.clone();
-      overlays.bodies.push(group);
-      overlays.group.add(group);
-    }
+    await overlays.makeBodies();
     return overlays;
   }
 
+  /** Makes the bodies of the flight that are not there yet, and removes all others. */
+  async makeBodies(): Promise<void> {
+    const { bodies, flight } = this;
+    const kept = bodies.findIndex(({ info }, i) => info !== flight.bodies[i]);
+    for (const { group } of kept < 0 ? [] : bodies.splice(kept)) dispose(group);
+    for (const info of flight.bodies.slice(bodies.length)) {
+      const body = { info, group: new THREE.Group() };
+      bodies.push(body);
+      this.group.add(body.group);
+      for (const part of await parts(info.glb)) {
+        const material = new THREE.MeshLambertMaterial({ color: part.color, emissive: part.emissive, map: part.texture, vertexColors: part.geometry.hasAttribute("color"), flatShading: !part.isSmooth, side: THREE.DoubleSide });
+        body.group.add(new THREE.Mesh(part.geometry, material));
+      }
+    }
+  }
+
   setResolution(width: number, height: number): void {
-    this.frustum.material.resolution.set(width, height);
+    for (const line of [this.frustum, ...this.paths]) line.material.resolution.set(width, height);
   }
 
   update(drone: number, env: number, seconds: number, drones: Drones, layers: Layers): void {
@@ -69,7 +80,8 @@ export class Overlays {
     const step = this.flight.stepAt(seconds);
     this.updateBeams(layers.beams ? this.flight.lidars : [], drone, step, pose);
     this.frustum.visible = layers.frustum && !!pose && this.flight.cameras.length > 0;
-    if (this.frustum.visible) this.updateFrustum(this.flight.cameras[0], pose!);
+    if (this.frustum.visible) this.frustum.geometry.setPositions(this.flight.cameras.flatMap((camera) => this.frustumOf(camera, pose!)));
+    for (const [i, line] of this.paths.entries()) line.visible = layers.path && i === env % this.paths.length;
     this.updateContacts(layers.contacts, drones, step);
     this.updateBodies(env, seconds);
   }
@@ -111,7 +123,7 @@ export class Overlays {
     for (const attribute of [ends, colors, hits]) attribute.needsUpdate = true;
   }
 
-  private updateFrustum(camera: CameraInfo, pose: Float64Array): void {
+  private frustumOf(camera: CameraInfo, pose: Float64Array): number[] {
     const reach = 1.2;
     const [half, high] = camera.tangents.map((tangent) => reach * tangent);
     const turn = new THREE.Quaternion(pose[3], pose[4], pose[5], pose[6]);
@@ -123,19 +135,18 @@ export class Overlays {
       new THREE.Vector3(forward, left, up).applyQuaternion(mount).add(offset).applyQuaternion(turn).add(body);
     const eye = place(0, 0, 0);
     const corners = [place(reach, half, high), place(reach, -half, high), place(reach, -half, -high), place(reach, half, -high)];
-    const numbers = corners.flatMap((corner, i) => [...eye, ...corner, ...corner, ...corners[(i + 1) % 4]]);
-    this.frustum.geometry.setPositions(numbers);
+    return corners.flatMap((corner, i) => [...eye, ...corner, ...corner, ...corners[(i + 1) % 4]]);
   }
 
   /** Lights up where drones touched something, for a moment. */
   private updateContacts(areShown: boolean, drones: Drones, step: number): void {
     const [hit, point] = [this.flight.column("contact.hit"), this.flight.column("contact.point")];
-    const lasts = Math.max(Math.round(1.5 / this.flight.stepS), 1);
+    const now = this.flight.timeAt(step);
     let used = 0;
     if (areShown && hit && point)
       for (const drone of drones.poses.keys()) {
-        const first = Math.max(this.flight.episodeStart(drone, step), step - lasts);
-        for (let then = step; then >= first; then--) {
+        const first = this.flight.episodeStart(drone, step);
+        for (let then = step; then >= first && now - this.flight.timeAt(then) < lastsS; then--) {
           const at = then * this.flight.drones + drone;
           if (!hit.values[at]) continue;
           const place = point.values.subarray(3 * at, 3 * at + 3);
@@ -149,7 +160,7 @@ export class Overlays {
           const sprite = this.contacts[used++];
           sprite.position.fromArray(place);
           sprite.scale.setScalar(0.9);
-          sprite.material.opacity = 1 - (step - then) / (lasts + 1);
+          sprite.material.opacity = 1 - (now - this.flight.timeAt(then)) / lastsS;
           break;
         }
       }
@@ -163,9 +174,8 @@ export class Overlays {
     const active = this.flight.column("bodies.active")!;
     const [step, slots] = [this.flight.stepAt(seconds), position.shape[2]];
     const next = Math.min(step + 1, this.flight.steps - 1);
-    const part = this.flight.episodeStart(env * this.flight.perEnv, next) <= step ? Math.min(seconds / this.flight.stepS - step, 1) : 0;
-    for (const [i, info] of this.flight.bodies.entries()) {
-      const group = this.bodies[i];
+    const part = this.flight.episodeStart(env * this.flight.perEnv, next) <= step ? this.flight.partOf(step, seconds) : 0;
+    for (const { info, group } of this.bodies) {
       const [at, then] = [step, next].map((moment) => (moment * this.flight.envs + env) * slots + info.body);
       group.visible = info.env === env && active.values[at] !== 0;
       if (!group.visible) continue;

@@ -4,7 +4,7 @@ import * as THREE from "three";
 import { Drones } from "./drones";
 import { Overlays, type Layers } from "./overlays";
 import type { Flight } from "./flight";
-import { Light, peephole, World } from "./world";
+import { dispose, Light, peephole, World } from "./world";
 import type { Viewer } from "./cameras";
 
 export interface Choice {
@@ -14,7 +14,7 @@ export interface Choice {
   seconds: number;
   sideBySide: boolean;
   ghost: boolean;
-  layers: Layers & { trails: boolean; roof: boolean; markers: boolean; peephole: boolean };
+  layers: Layers & { trails: boolean; hull: boolean; roof: boolean; markers: boolean; peephole: boolean };
 }
 
 class Part {
@@ -72,6 +72,11 @@ export class Stage {
     this.scene.add(part.group);
   }
 
+  /** Makes what has come to a flight that grows. */
+  async grow(): Promise<void> {
+    for (const { overlays } of this.parts) await overlays.makeBodies();
+  }
+
   /** The pose of the chosen drone of a flight: position, then quaternion x, y, z, w. */
   pose(part = 0): Float64Array | undefined {
     return this.parts[part]?.drones.poses.get(this.parts[part].drone);
@@ -86,9 +91,11 @@ export class Stage {
     for (const part of this.parts) {
       const env = Math.min(choice.env, part.flight.envs - 1);
       const index = part.flight.worldOf(env, part.flight.stepAt(choice.seconds));
+      const info = part.flight.worlds[index];
       let world = part.worlds.get(index);
-      if (!world) {
-        world = await World.make(part.flight.worlds[index]);
+      if (world?.info !== info) {
+        if (world) dispose(world.group);
+        world = await World.make(info);
         part.worlds.set(index, world);
       }
       if (part.world === world) continue;
@@ -103,7 +110,7 @@ export class Stage {
   isReady(choice: Choice): boolean {
     return this.parts.every((part) => {
       const env = Math.min(choice.env, part.flight.envs - 1);
-      return part.world && part.worlds.get(part.flight.worldOf(env, part.flight.stepAt(choice.seconds))) === part.world;
+      return part.world?.info === part.flight.worlds[part.flight.worldOf(env, part.flight.stepAt(choice.seconds))];
     });
   }
 
@@ -134,7 +141,7 @@ export class Stage {
       const seconds = Math.min(choice.seconds, part.flight.seconds);
       const drones = part.chosen({ ...choice, env, seconds });
       const hidden = this.viewer.mode === "eye" ? part.drone : null;
-      part.drones.update({ flight: part.flight, drones, seconds, hidden }, { trails: choice.layers.trails, shadows: true });
+      part.drones.update({ flight: part.flight, drones, seconds, hidden }, { trails: choice.layers.trails, shadows: true, hull: choice.layers.hull });
       part.overlays.update(part.drone, env, seconds, part.drones, choice.layers);
       part.world?.showMarkers(choice.layers.markers);
       if (i === 0) shown = part.drones.poses.size;

@@ -117,6 +117,18 @@ export class World {
   }
 }
 
+/** Removes a group, and frees what it holds on the graphics card. */
+export function dispose(group: THREE.Group): void {
+  group.removeFromParent();
+  group.traverse((each) => {
+    if (!(each instanceof THREE.Mesh)) return;
+    const { geometry, material } = each as THREE.Mesh<THREE.BufferGeometry, THREE.MeshLambertMaterial>;
+    geometry.dispose();
+    material.map?.dispose();
+    material.dispose();
+  });
+}
+
 /** A soft round light around something. */
 export function glow(color: THREE.ColorRepresentation): THREE.SpriteMaterial {
   const canvas = document.createElement("canvas");

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -414,10 +414,8 @@ def _opened(address: str, port: int) -> socket.socket:
     return opened
 
 
-def add_command(commands: Any) -> None:
-    """Add ``ardupilot`` to the commands of ``python -m flockstep``."""
-    about = "let ArduPilot fly drones, by its JSON interface over UDP"
-    parser: argparse.ArgumentParser = commands.add_parser("ardupilot", help=about, description=about)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command ``ardupilot``."""
     parser.add_argument("recipe", nargs="?", type=Path, metavar="RECIPE", help="JSON file of a recipe to fly")
     parser.add_argument("--world", help="name or file of the world; default: the recipe's, or playground/train-1")
     parser.add_argument("--drone", help="name or file of the airframe; default: the recipe's, or x500")

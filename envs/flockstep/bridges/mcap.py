@@ -31,6 +31,7 @@ from flockstep.recording import actions_of
 from flockstep.recordings.capture import actions_in, contents_of
 from flockstep.recordings.mcap_files import ArrayChannels
 from flockstep.recordings.moment import Moments
+from flockstep.recordings.recording import plain_paths
 from flockstep.registration import make_by_id
 from flockstep.rotations import rotate
 from flockstep.serving import TOKEN_VARIABLE, Stop
@@ -84,6 +85,8 @@ class McapRecorder:
         `ClientSource`.
     arrays
         Also write all arrays of a `DroneVectorEnv`, for `flockstep.Recording`: topics ``/flockstep/...``.
+    paths
+        As in `Recording.writer`, with ``arrays=True``.
     rates_hz
         Messages per second of simulated time, by the name of a sensor, or ``"pose"`` for /tf and odom. Others are
         written at every write. A rate above that of the writes has no effect.
@@ -98,6 +101,7 @@ class McapRecorder:
         *,
         rates_hz: Mapping[str, float] | None = None,
         arrays: bool = False,
+        paths: Sequence[npt.ArrayLike] = (),
         chunk_bytes: int = 256 * 1024,
     ) -> None:
         if Path(path).suffix != ".mcap":
@@ -118,6 +122,8 @@ class McapRecorder:
                 raise ValueError(f"rates_hz: expected names among {', '.join(known)}, got {name!r}{hint}")
             if isinstance(rate, bool) or not isinstance(rate, (int, float, np.number)) or not 0 < rate < float("inf"):
                 raise ValueError(f"rates_hz[{name!r}]: expected a number > 0, got {rate!r}")
+        if len(plain_paths(paths)) and not arrays:
+            raise ValueError(f"paths: expected none without arrays=True, got {len(paths)}")
         _static_transforms(self.source)  # refuses bad names
         try:
             from mcap_ros2.writer import Writer
@@ -135,7 +141,7 @@ class McapRecorder:
         self._envs = source if arrays and isinstance(source, DroneVectorEnv) else None
         if self._envs is not None:
             self._moments = Moments(self._envs.batch)
-            self._arrays = ArrayChannels(self._writer._writer, contents_of(self._envs, self._moments))
+            self._arrays = ArrayChannels(self._writer._writer, contents_of(self._envs, self._moments, paths=paths))
 
     def write(self, actions: npt.ArrayLike | None = None) -> None:
         """Write the current state and the messages that are due; nothing if no time has passed since the last write.
@@ -166,7 +172,7 @@ class McapRecorder:
         try:
             if self._envs is not None:
                 values, images = self._moments.now()
-                values["actions"] = actions_in(self._envs, self._moments.rows, actions)
+                values["actions"] = actions_in(self._envs, self._moments, actions)
                 self._arrays.write(stamp_ns, values, images)
             for topic, kind, message in messages:
                 self._writer.write_message(topic, self._schema(kind, topic), message, stamp_ns)
@@ -303,10 +309,8 @@ def _static_transforms(source: Source) -> list[Message]:
     return transforms
 
 
-def add_command(commands: Any) -> None:
-    """Add ``mcap`` to the commands of ``python -m flockstep``."""
-    about = "fly an environment, or connect to a server, and record an MCAP file with ROS 2 messages"
-    parser: argparse.ArgumentParser = commands.add_parser("mcap", help=about, description=about)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command ``mcap``."""
     parser.add_argument("path", metavar="FILE", help="file to write, .mcap")
     parser.add_argument("recipe", nargs="?", type=Path, metavar="RECIPE", help="JSON file of a recipe to fly")
     text = f"id of the environment to fly without a recipe; default: {_ENV}"

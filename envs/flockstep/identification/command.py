@@ -6,7 +6,6 @@ import argparse
 import importlib
 import sys
 from pathlib import Path
-from typing import Any
 
 from flockstep._core import DroneModel
 from flockstep.identification.drone_file import drone_data, drone_text
@@ -15,10 +14,8 @@ from flockstep.identification.flights import read_flights
 from flockstep.identification.report import plot, report
 
 
-def add_command(commands: Any) -> None:
-    """Add the command ``identify`` to a parser's commands."""
-    about = "fit a drone file to flight logs: thrust, motor lag, inertia, rotor torque and drag, with their intervals"
-    parser: argparse.ArgumentParser = commands.add_parser("identify", help=about, description=about)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command ``identify``."""
     parser.set_defaults(run=main)
     about_logs = "log of a Crazyflie, or CSV file; LOG@35-65 reads only these seconds of its clock"
     parser.add_argument("log", nargs="+", help=about_logs, metavar="LOG")

@@ -126,6 +126,7 @@ class APG(PPO):
             report = self.learner.learn_window(self._gradient_config(self._current_progress_remaining), batch)
             if not report.is_finite:
                 raise FloatingPointError("the gradient is not finite: learning_rate or horizon are too large")
+        self.source.env._flown(steps=self.horizon)
         steps = self.source.rows * self.horizon
         self.num_timesteps += steps
         self._n_updates += 1

@@ -116,8 +116,7 @@ class EngineSource(Source):
         stepping.require_open(env)
         batch = env.batch
         learner.fly(t, batch, env.reward_scale)
-        if env.trail is not None:
-            env.trail.record()
+        env._flown()
         done = (batch.terminated | batch.truncated) & batch.flying
         stepped = Stepped(env.scaled_reward().copy() if needs_infos else env.scaled_reward(), done, [])
         ended = np.flatnonzero(done)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 from flockstep._core import World
 from flockstep.drone_mesh import DroneMesh
 from flockstep.recordings.moment import Array, Moments
-from flockstep.recordings.recording import Contents, Recording
+from flockstep.recordings.recording import Contents, Recording, plain_paths
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
 
@@ -27,22 +28,31 @@ class Capture:
         Title of the recording. Default: the name of the task.
     num_envs
         Record only the first envs. None: all.
+    paths
+        As in `Recording.writer`.
     """
 
-    def __init__(self, envs: DroneVectorEnv, *, title: str | None = None, num_envs: int | None = None) -> None:
+    def __init__(
+        self,
+        envs: DroneVectorEnv,
+        *,
+        title: str | None = None,
+        num_envs: int | None = None,
+        paths: Sequence[npt.ArrayLike] = (),
+    ) -> None:
         self._envs = envs
         self._moments = Moments(envs.batch, num_envs)
-        self._contents = contents_of(envs, self._moments, title)
+        self._contents = contents_of(envs, self._moments, title, paths)
         self._steps: list[dict[str, Array]] = []
         self._images: dict[str, list[bytes]] = {}
-        self._step_s = envs.recipe.episode.frame_skip / envs.batch.clock.policy_hz
+        self._step_s = step_seconds(envs)
 
     def add(self, actions: npt.ArrayLike | None = None) -> None:
         """Add the present moment, with the actions that led to it."""
         arrays, images = self._moments.now()
         for name, files in images.items():
             self._images.setdefault(name, []).extend(files)
-        arrays["actions"] = actions_in(self._envs, self._moments.rows, actions)
+        arrays["actions"] = actions_in(self._envs, self._moments, actions)
         self._steps.append(arrays)
 
     def recording(self) -> Recording:
@@ -59,13 +69,15 @@ class Capture:
         )
 
 
-def contents_of(envs: DroneVectorEnv, moments: Moments, title: str | None = None) -> Contents:
+def contents_of(
+    envs: DroneVectorEnv, moments: Moments, title: str | None = None, paths: Sequence[npt.ArrayLike] = ()
+) -> Contents:
     """Return all that a recording of envs holds beside its moments. Worlds and bodies appear in it as they are seen."""
     mesh = envs._drone_mesh
     return Contents(
         arrays={},
         images={},
-        settings=moments.settings(),
+        settings={**moments.settings(), "paths": plain_paths(paths)},
         worlds=moments.worlds,
         bodies=moments.bodies,
         drone=envs.batch.drone,
@@ -78,13 +90,18 @@ def contents_of(envs: DroneVectorEnv, moments: Moments, title: str | None = None
     )
 
 
-def actions_in(envs: DroneVectorEnv, rows: int, actions: npt.ArrayLike | None) -> Array:
-    """Return the actions (R, k) float32 of the first rows, NaN if there are none."""
+def actions_in(envs: DroneVectorEnv, moments: Moments, actions: npt.ArrayLike | None) -> Array:
+    """Return the actions (R, k) float32 of the rows that are read, NaN if there are none."""
     space = envs.single_action_space
     width = int(np.prod(space.shape or (1,)))
     if actions is None:
-        return np.full((rows, width), np.nan, np.float32)
-    return np.asarray(actions, np.float32).reshape(envs.num_envs, width)[:rows]
+        return np.full((moments.rows, width), np.nan, np.float32)
+    return np.asarray(actions, np.float32).reshape(envs.num_envs, width)[moments.slices["R"]]
+
+
+def step_seconds(envs: DroneVectorEnv) -> float:
+    """Return the simulated time of an env step, s."""
+    return envs.recipe.episode.frame_skip / envs.batch.clock.policy_hz
 
 
 def title_of(envs: DroneVectorEnv) -> str:

@@ -20,7 +20,7 @@ import numpy as np
 from flockstep._core import Batch, Bodies, Contact, DroneModel, World
 from flockstep.drone_mesh import DroneMesh
 from flockstep.recordings.moment import Array
-from flockstep.recordings.recording import Contents
+from flockstep.recordings.recording import Contents, plain_paths
 
 FORMAT = "1"
 _ENCODING = "flockstep"
@@ -199,6 +199,7 @@ def _expanded_bytes(chunk: Any) -> int:
 
 def _contents(reader: _Reader, about: Mapping[str, str]) -> Contents:
     settings = json.loads(about["settings"])
+    settings["paths"] = plain_paths(settings.get("paths", ()))
     counts = {
         "E": settings["num_envs"],
         "N": settings["num_envs"] * settings["per_env"],

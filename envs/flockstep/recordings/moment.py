@@ -32,14 +32,19 @@ class Moments:
     batch
         The batch.
     envs
-        Only the first envs are read. None: all.
+        Number of envs that are read. None: all.
+    first
+        The first of them.
     """
 
-    def __init__(self, batch: Batch, envs: int | None = None) -> None:
-        self.batch = batch
-        self.envs = batch.num_envs if envs is None else min(envs, batch.num_envs)
+    def __init__(self, batch: Batch, envs: int | None = None, first: int = 0) -> None:
+        self.batch, self.first = batch, first
+        self.envs = batch.num_envs - first if envs is None else min(envs, batch.num_envs - first)
         self.drones = self.envs * batch.drones_per_env
         self.rows = self._rows()
+        counts = {"N": self.drones, "E": self.envs, "R": self.rows}
+        #: By the letter of the engine's list of arrays, the rows that are read.
+        self.slices = {name: slice(first * n // self.envs, first * n // self.envs + n) for name, n in counts.items()}
         self.arrays = self._readers()
         #: Worlds by their `world_index`, and looks of moving objects by env and slot, as far as they have been seen.
         self.worlds: dict[int, World] = {}
@@ -58,7 +63,6 @@ class Moments:
 
     def _readers(self) -> dict[str, Described]:
         batch, found = self.batch, dict[str, Described]()
-        counts = {"N": self.drones, "E": self.envs, "R": self.rows}
         for prefix, owner in (("", batch), ("contact.", batch.contact), ("bodies.", batch.bodies)):
             for array in getattr(owner, "_arrays"):  # noqa: B009 # the list of arrays is not in the stub
                 name = array["name"]
@@ -69,10 +73,10 @@ class Moments:
                 except (AttributeError, RuntimeError):  # kinematic motion has no velocities, a mere batch no rewards
                     continue
                 if size:
-                    read = _reader(owner, name, counts[array["shape"][1]])
+                    read = _reader(owner, name, self.slices[array["shape"][1]])
                     found[prefix + name] = Described(array["unit"], read)
         for lidar in batch.lidars:
-            read = _ranges_of(batch, lidar.name, self.drones)
+            read = _ranges_of(batch, lidar.name, self.slices["N"])
             found[f"lidar.{lidar.name}.ranges"] = Described("m", read)
         return found
 
@@ -81,7 +85,7 @@ class Moments:
         batch = self.batch
         lidars, cameras = [], []
         for lidar in batch.lidars:
-            directions = np.asarray(batch.lidar(lidar.name).directions[: self.drones], np.float32)
+            directions = np.asarray(batch.lidar(lidar.name).directions[self.slices["N"]], np.float32)
             directions = directions.reshape(self.drones, -1, 3)
             if (directions == directions[0]).all():
                 directions = directions[:1]
@@ -103,9 +107,9 @@ class Moments:
         images: dict[str, list[bytes]] = {}
         for name in self._cameras:
             camera = self.batch.camera(name)
-            frame = np.array(camera.frame_step[: self.drones])
+            frame = np.array(camera.frame_step[self.slices["N"]])
             new = np.flatnonzero((frame != self._frames[name]) & (frame >= 0))
-            images[name] = [camera.jpeg(int(drone), _JPEG_QUALITY) for drone in new]
+            images[name] = [camera.jpeg(self.slices["N"].start + int(drone), _JPEG_QUALITY) for drone in new]
             self._image[name][new] = self._images[name] + np.arange(len(new))
             self._image[name][frame < 0] = -1
             self._images[name] += len(new)
@@ -114,14 +118,15 @@ class Moments:
         return arrays, images
 
     def _see_world_and_bodies(self, env: int) -> None:
-        index = int(self.batch.world_index[env])
+        own = self.first + env  # its number in the batch
+        index = int(self.batch.world_index[own])
         if index not in self.worlds:
-            self.worlds[index] = self.batch.world_of(env * self.batch.drones_per_env)
-        for body in np.flatnonzero(self.batch.bodies.active[env]) if len(self.batch.bodies) else ():
+            self.worlds[index] = self.batch.world_of(own * self.batch.drones_per_env)
+        for body in np.flatnonzero(self.batch.bodies.active[own]) if len(self.batch.bodies) else ():
             place = (env, int(body))
             if place in self.bodies or place in self._invisible:
                 continue
-            config = self.batch.bodies.config(*place)
+            config = self.batch.bodies.config(own, int(body))
             look = None if config is None else look_of(config)
             if look is None:
                 self._invisible.add(place)
@@ -129,17 +134,18 @@ class Moments:
                 self.bodies[place] = look
 
 
-def _reader(owner: Any, name: str, count: int) -> Callable[[], Array]:
-    return lambda: np.array(getattr(owner, name)[:count])
+def _reader(owner: Any, name: str, rows: slice) -> Callable[[], Array]:
+    return lambda: np.array(getattr(owner, name)[rows])
 
 
-def _ranges_of(batch: Batch, name: str, drones: int) -> Callable[[], Array]:
+def _ranges_of(batch: Batch, name: str, drones: slice) -> Callable[[], Array]:
     def read() -> Array:
         lidar = batch.lidar(name)
         try:
-            return np.array(lidar.ranges[:drones]).reshape(drones, -1)
+            return np.array(lidar.ranges[drones]).reshape(drones.stop - drones.start, -1)
         except RuntimeError:  # no scan yet
-            return np.full((drones, lidar.config.channels * lidar.config.beams), np.inf, np.float32)
+            beams = lidar.config.channels * lidar.config.beams
+            return np.full((drones.stop - drones.start, beams), np.inf, np.float32)
 
     return read
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from flockstep._core import DroneModel, EpisodeEnd, World
 from flockstep.drone_mesh import DroneMesh
@@ -52,6 +53,7 @@ class Contents:
     title: str
     repeats_ends: bool  # True if flags of an ended episode repeat until a reset
     units: dict[str, str] = field(default_factory=dict)
+    ended_before: Array | None = None  # (R,) flags that the first moment may repeat. None: all episodes begin there
 
 
 class Recording:
@@ -151,6 +153,11 @@ class Recording:
         return list(self._contents.settings["reward_terms"])
 
     @property
+    def paths(self) -> list[Array]:
+        """Planned paths (P, 3) m that the viewer draws, one for each env in turn."""
+        return [np.asarray(path) for path in self._contents.settings["paths"]]
+
+    @property
     def drone_episodes(self) -> Array:
         """(T, N) int64: number of the episode that each drone flies, which changes where one begins."""
         episode = np.repeat(self["episode"], self.drones_per_env, axis=1)
@@ -161,10 +168,11 @@ class Recording:
         """The episodes that ended, in the order of time."""
         if "episode_end" not in self:
             return []
-        ended = self["terminated"].astype(bool) | self["truncated"].astype(bool)
+        flags = self["terminated"].astype(bool) | self["truncated"].astype(bool)
+        before, ended = self._contents.ended_before, flags.copy()
         if self._contents.repeats_ends:
-            ended[1:] &= ~ended[:-1]
-        ended[0] = False
+            ended[1:] &= ~flags[:-1]
+        ended[0] &= False if before is None else ~before
         values = (self[name] for name in ("episode_end", "success", "episode_return", "episode_length"))
         reason, success, total, length = values
         known = {int(end) for end in EpisodeEnd}
@@ -181,8 +189,13 @@ class Recording:
         ]
 
     @staticmethod
-    def writer(path: str | PathLike[str], envs: DroneVectorEnv) -> RecordingWriter:
+    def writer(
+        path: str | PathLike[str], envs: DroneVectorEnv, *, paths: Sequence[npt.ArrayLike] = ()
+    ) -> RecordingWriter:
         """Return a writer of a file, ``.html`` or ``.mcap``, that records envs step by step.
+
+        ``paths`` are planned paths for the viewer, arrays (P, 3) m such as those of `flockstep.plan`, one for each env
+        in turn.
 
         >>> with flockstep.Recording.writer("flight.html", envs) as writer:
         ...     envs.reset(seed=0)
@@ -194,7 +207,7 @@ class Recording:
         """
         from flockstep.recordings.writer import RecordingWriter  # imports this module
 
-        return RecordingWriter(path, envs)
+        return RecordingWriter(path, envs, paths)
 
     def save(self, path: str | PathLike[str], *, ghost: Recording | None = None) -> None:
         """Write a page ``.html`` for any browser, or a file ``.mcap``, which `Recording` reads.
@@ -224,6 +237,21 @@ class Recording:
     def __repr__(self) -> str:
         shape = f"{self.num_envs} x {self.drones_per_env} drones"
         return f"<Recording {self.title!r}, {len(self)} moments of {shape}, {self.times_s[-1]:.1f} s>"
+
+
+def plain_paths(paths: Sequence[npt.ArrayLike]) -> list[list[list[float]]]:
+    """Return planned paths, arrays (P, 3), as JSON values; raise ValueError for other shapes and numbers."""
+    plain: list[list[list[float]]] = []
+    for i, path in enumerate(paths):
+        try:
+            points = np.asarray(path, np.float64)
+        except (TypeError, ValueError):
+            points = np.zeros(0)
+        if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2 or not np.isfinite(points).all():
+            found = f"{points.shape}" if points.size else repr(path)
+            raise ValueError(f"paths[{i}]: expected an array (P, 3) of finite numbers with P >= 2, got {found[:80]}")
+        plain.append(points.tolist())
+    return plain
 
 
 def require_saveable(path: str | PathLike[str], others: Sequence[str] = ()) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ class RecordingWriter:
     step, so that a program that is killed leaves a file up to its latest moments.
     """
 
-    def __init__(self, path: str | PathLike[str], envs: DroneVectorEnv) -> None:
+    def __init__(self, path: str | PathLike[str], envs: DroneVectorEnv, paths: Sequence[npt.ArrayLike] = ()) -> None:
         require_saveable(path)
         self._path = path
         self._capture: Capture | None = None
@@ -29,9 +30,9 @@ class RecordingWriter:
         if Path(path).suffix.lower() == ".mcap" and isinstance(envs, DroneVectorEnv):
             from flockstep.bridges.mcap import McapRecorder  # imports this package
 
-            self._recorder = McapRecorder(path, envs, arrays=True)
+            self._recorder = McapRecorder(path, envs, arrays=True, paths=paths)
         else:
-            self._capture = Capture(envs)
+            self._capture = Capture(envs, paths=paths)
 
     def add(self, actions: npt.ArrayLike | None = None) -> None:
         """Add the present moment, with the actions that led to it."""

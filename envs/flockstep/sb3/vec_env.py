@@ -116,8 +116,7 @@ class DroneVecEnv(VecEnv):
         assert self._actions is not None, "call step_async before step_wait"
         batch = self._batch
         batch.step(self._actions)
-        if self.env.trail is not None:
-            self.env.trail.record()
+        self.env._flown(self._actions)
         truncated = batch.truncated
         done = batch.terminated | truncated
         going_on: dict[str, Any] = {}

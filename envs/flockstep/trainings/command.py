@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import functools
 import importlib
+import json
 import os
 import sys
 import time
@@ -22,37 +22,57 @@ from flockstep.trainings.flying import Verdict, best_of, judge
 from flockstep.trainings.learning import Callback, load, train
 from flockstep.trainings.table import TRAININGS
 from flockstep.trainings.training import UNSEEN_SEEDS, Training
+from flockstep.viewer import view
 
 _KNOWN = f"file of a policy, or a bundled one ({', '.join(policies.names())})"
 
 
-def add_commands(commands: Any) -> None:
-    """Add the commands."""
-    about = {
-        "train": "train a policy by a row of the table of trainings, save it, and evaluate it",
-        "evaluate": "evaluate a policy, or a flyer without one, in flights that no training uses",
-        "record": "film a flight of a policy that no training uses; needs the extra film",
-    }
-    for name, run in (("train", _train), ("evaluate", _evaluate), ("record", _record)):
-        parser = commands.add_parser(name, help=about[name], description=about[name] + ".")
-        parser.set_defaults(run=functools.partial(_stated, name, run))
-        rows = f"one of {', '.join(TRAININGS)}, or module:NAME of a flockstep.trainings.Training of yours"
-        parser.add_argument("name", metavar="TRAINING", help=rows)
-        if name != "train":
-            flyer = "" if name == "record" else ", or the name of a flyer without a policy, such as straight"
-            parser.add_argument("policy", metavar="POLICY", help=f"{_KNOWN}{flyer}")
-        learner = "flockstep.PPO, or Stable-Baselines3's, whose files run code when they are loaded"
-        parser.add_argument("--learner", choices=("flockstep", "sb3"), default="flockstep", help=learner)
-        if name != "record":
-            parser.add_argument("--flights", type=_count, help="evaluation flights of each kind; default: the row's")
-    train_options, _, film_options = (commands.choices[name] for name in about)
-    train_options.add_argument("--seed", type=int, default=0, help="seed of the training")
+def add_train(parser: argparse.ArgumentParser) -> None:
+    """Describe the command ``train``."""
+    _add_training(parser, _train)
+    _add_learner(parser)
+    _add_flights(parser)
+    parser.add_argument("--seed", type=int, default=0, help="seed of the training")
     threads = "threads of simulator and learner; 0: one per core. results are bit-identical for any number"
-    train_options.add_argument("--threads", type=int, default=0, help=threads)
-    train_options.add_argument("--steps", type=_count, help="steps of all drones together; default: the row's")
-    train_options.add_argument("--out", type=Path, help="file of the policy; default: TRAINING.zip")
-    film_options.add_argument("film", metavar="FILM", nargs="?", type=Path, help=".mp4 or .gif; default: TRAINING.mp4")
-    film_options.add_argument("--seed", type=int, default=UNSEEN_SEEDS.start, help="seed of the flight")
+    parser.add_argument("--threads", type=int, default=0, help=threads)
+    parser.add_argument("--steps", type=_count, help="steps of all drones together; default: the row's")
+    parser.add_argument("--view", action="store_true", help="show the training in a browser")
+    parser.add_argument("--out", type=Path, help="file of the policy; default: TRAINING.zip")
+
+
+def add_evaluate(parser: argparse.ArgumentParser) -> None:
+    """Describe the command ``evaluate``."""
+    _add_training(parser, _evaluate)
+    flyer = f"{_KNOWN}, or the name of a flyer without a policy, such as straight"
+    parser.add_argument("policy", metavar="POLICY", help=flyer)
+    _add_learner(parser)
+    _add_flights(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def add_record(parser: argparse.ArgumentParser) -> None:
+    """Describe the command ``record``."""
+    _add_training(parser, _record)
+    parser.add_argument("policy", metavar="POLICY", help=_KNOWN)
+    _add_learner(parser)
+    kinds = ".mp4, .gif, .html or .mcap; default: TRAINING.mp4"
+    parser.add_argument("film", metavar="FILM", nargs="?", type=Path, help=kinds)
+    parser.add_argument("--seed", type=int, default=UNSEEN_SEEDS.start, help="seed of the flight")
+
+
+def _add_training(parser: argparse.ArgumentParser, run: Callable[[argparse.Namespace], None]) -> None:
+    rows = f"one of {', '.join(TRAININGS)}, or module:NAME of a flockstep.trainings.Training of yours"
+    parser.add_argument("name", metavar="TRAINING", help=rows)
+    parser.set_defaults(run=run)
+
+
+def _add_learner(parser: argparse.ArgumentParser) -> None:
+    learner = "flockstep.PPO, or Stable-Baselines3's, whose files run code when they are loaded"
+    parser.add_argument("--learner", choices=("flockstep", "sb3"), default="flockstep", help=learner)
+
+
+def _add_flights(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--flights", type=_count, help="evaluation flights of each kind; default: the row's")
 
 
 def training_of(name: str) -> Training:
@@ -97,12 +117,14 @@ class Progress(Callback):
         self._line.show(progress_of(self.model, self._line.seconds), is_last=True)
 
 
-def _stated(name: str, run: Callable[[argparse.Namespace], None], arguments: argparse.Namespace) -> None:
-    """Run a command; what it refuses is a line, not a traceback."""
-    try:
-        run(arguments)
-    except (ValueError, TypeError, RuntimeError, ModuleNotFoundError) as error:
-        sys.exit(f"flockstep {name}: {error}")
+class _View(Callback):
+    """Shows a training in a browser, until its environments are closed."""
+
+    need_infos = False
+
+    def on_training_start(self, local: Any, global_: Any) -> None:
+        """Begin."""
+        view(self.model.get_env())
 
 
 def _train(arguments: argparse.Namespace) -> None:
@@ -110,11 +132,12 @@ def _train(arguments: argparse.Namespace) -> None:
     out = arguments.out or Path(f"{arguments.name.rpartition(':')[2]}.zip")
     out.parent.mkdir(parents=True, exist_ok=True)
     before = time.perf_counter()
-    model = train(training, arguments.learner, arguments.seed, arguments.threads, [Progress()])
+    callbacks = [Progress(), *([_View()] if arguments.view else [])]
+    model = train(training, arguments.learner, arguments.seed, arguments.threads, callbacks)
     seconds = time.perf_counter() - before
     model.save(out)
     print(f"{model.num_timesteps:,} steps in {seconds:.1f} s; {out}", flush=True)
-    _say(training, arguments, judge(training, load(out, arguments.learner), _flights(training, arguments), _UNSEEN))
+    print(_said(_judged(training, load(out, arguments.learner), arguments), _flights(training, arguments)))
 
 
 def _evaluate(arguments: argparse.Namespace) -> None:
@@ -126,7 +149,12 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     else:
         flyers = ", ".join(training.baselines) or "none"
         raise ValueError(f"POLICY: expected a {_KNOWN}, or a flyer without one ({flyers}), got {arguments.policy!r}")
-    _say(training, arguments, judge(training, flyer, _flights(training, arguments), _UNSEEN))
+    verdict, flights = _judged(training, flyer, arguments), _flights(training, arguments)
+    if arguments.json:
+        asked = {"training": arguments.name, "policy": arguments.policy, "flights": flights}
+        print(json.dumps({**asked, "success": verdict.success, "crashed": verdict.crashed, **verdict.more}))
+    else:
+        print(_said(verdict, flights))
 
 
 def _record(arguments: argparse.Namespace) -> None:
@@ -154,12 +182,13 @@ def _flights(training: Training, arguments: argparse.Namespace) -> int:
     return arguments.flights or training.flights
 
 
-def _say(training: Training, arguments: argparse.Namespace, verdict: Verdict) -> None:
+def _judged(training: Training, flyer: Any, arguments: argparse.Namespace) -> Verdict:
+    return judge(training, flyer, _flights(training, arguments), _UNSEEN, ProgressLine())
+
+
+def _said(verdict: Verdict, flights: int) -> str:
     figures = "".join(f", {name} {value:.3f}" for name, value in verdict.more.items())
-    print(
-        f"{verdict.success:.1%} of {_flights(training, arguments):,} flights succeed, "
-        f"{verdict.crashed:.1%} crash{figures}"
-    )
+    return f"{verdict.success:.1%} of {flights:,} flights succeed, {verdict.crashed:.1%} crash{figures}"
 
 
 def _count(text: str) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 
 from flockstep._core import EpisodeEnd
 from flockstep.evaluation import first_episodes
+from flockstep.progress_line import ProgressLine
 from flockstep.registration import make_flown
 from flockstep.task import Task
 from flockstep.trainings.training import CHOOSING_SEEDS, Array, Keywords, Training, policy_hz
@@ -68,7 +69,9 @@ class Verdict:
     """Further results by name, such as ``lap_s``."""
 
 
-def fly(training: Training, policy: Any, flights: int, seed: int) -> dict[str, Flights]:
+def fly(
+    training: Training, policy: Any, flights: int, seed: int, progress: ProgressLine | None = None
+) -> dict[str, Flights]:
     """Fly the flights that judge a training, by kind.
 
     Parameters
@@ -77,6 +80,8 @@ def fly(training: Training, policy: Any, flights: int, seed: int) -> dict[str, F
         The training, and a policy as for `flockstep.evaluate`, or a `Flyer`.
     flights, seed
         Flights of each kind; the seeds of flights and generated worlds begin with this one.
+    progress
+        Shows how many flights have ended.
     """
     flown = {}
     for kind, keywords in training.judged(flights, seed).items():
@@ -87,7 +92,7 @@ def fly(training: Training, policy: Any, flights: int, seed: int) -> dict[str, F
         act = policy.in_envs(envs) if isinstance(policy, Flyer) else policy
         told = envs.task.info_names if isinstance(envs.task, Task) else ()
         hz, teams = policy_hz(envs), (envs.num_groups, -1)
-        ends = first_episodes(act, envs, "evaluate", seed, None if measure is None else measure.step)
+        ends = first_episodes(act, envs, "evaluate", seed, None if measure is None else measure.step, None, progress)
         steps = np.array([end["episode"]["l"] for end in ends])
         success = np.array([end["is_success"] for end in ends])
         crashed = np.array([end["episode_end"] not in (EpisodeEnd.success, EpisodeEnd.time) for end in ends])
@@ -103,9 +108,9 @@ def fly(training: Training, policy: Any, flights: int, seed: int) -> dict[str, F
     return flown
 
 
-def judge(training: Training, policy: Any, flights: int, seed: int) -> Verdict:
+def judge(training: Training, policy: Any, flights: int, seed: int, progress: ProgressLine | None = None) -> Verdict:
     """Fly the flights that judge a training, and return the verdict; the arguments are those of `fly`."""
-    flown = fly(training, policy, flights, seed)
+    flown = fly(training, policy, flights, seed, progress)
     chosen = [flown[kind] for kind in training.over or flown]
     flown[""] = Flights(
         np.concatenate([each.success for each in chosen]),

@@ -1,5 +1,6 @@
-"""The page that replays flights in a browser."""
+"""The page that shows flights in a browser, recorded or live."""
 
+from flockstep.viewer.live import LiveView, view
 from flockstep.viewer.page import show
 
-__all__ = ["show"]
+__all__ = ["LiveView", "show", "view"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,8 @@ from flockstep.recordings.recording import Recording
 
 Array = npt.NDArray[Any]
 
-FORMAT = 1
-_KINDS = {"float32": "f4", "int32": "i4", "uint16": "u2", "uint8": "u1"}
+FORMAT = 2
+_KINDS = {"float64": "f8", "float32": "f4", "int32": "i4", "uint16": "u2", "uint8": "u1"}
 _DOWN = np.array([0, 0, -1], np.float32)
 _NO_RANGE = 65535
 _ROOFED = 0.7  # share of the positions that must be below something
@@ -40,6 +40,17 @@ _CURVES = (
     ("Reward", "reward"),
 )
 _AXES = ("x", "y", "z", "w")
+
+
+@dataclass
+class Had:
+    """The parts of a flight that a page has, to which the packed moments are added. Default: nothing."""
+
+    goes_on: bool = False
+    worlds: int = 0
+    bodies: int = 0
+    images: dict[str, int] = field(default_factory=dict)
+    """Number of images by camera."""
 
 
 class _Packer:
@@ -70,14 +81,15 @@ class _Packer:
         return begin + bytes(-len(begin) % 8) + b"".join(self._parts)
 
 
-def pack(recording: Recording) -> bytes:
-    """Return the bytes of a recording."""
-    packer, settings = _Packer(), recording._contents.settings
+def pack(recording: Recording, had: Had | None = None) -> bytes:
+    """Return the bytes of a recording, without what a page has of it."""
+    packer, settings, had = _Packer(), recording._contents.settings, had or Had()
     drones = recording.num_envs * recording.drones_per_env
     position = recording["position"].astype(np.float32)
     worlds = {index: number for number, index in enumerate(recording.worlds)}
     index = np.vectorize(lambda key: worlds.get(int(key), 0), otypes=[np.uint16])(recording["world_index"])
     height = _heights(recording, position, index)
+    packer.add("time_s", np.asarray(recording.times_s, np.float64))
     packer.add("position", position)
     packer.add("quat_wxyz", recording["quat_wxyz"].astype(np.float32))
     packer.add("active", recording["active"].astype(np.uint8))
@@ -102,24 +114,29 @@ def pack(recording: Recording) -> bytes:
         curves.append({"title": title, "unit": "" if unit == "1" else unit, "array": name, "columns": columns})
     header = {
         "format": FORMAT,
+        "goes_on": had.goes_on,
         "title": recording.title,
-        "step_s": float(recording.times_s[-1]) / max(len(recording) - 1, 1) or 1.0,
         "steps": len(recording),
         "envs": recording.num_envs,
         "per_env": recording.drones_per_env,
         "rows": int(settings["rows"]) or drones,
+        "first_world": had.worlds,
         "worlds": [
             _world(packer, world, _cut(world, position, index == i))
             for i, world in enumerate(recording.worlds.values())
+            if i >= had.worlds
         ],
+        "first_body": had.bodies,
         "bodies": [
             {"env": env, "body": body, "name": look.name, "glb": packer.place(look.to_glb())}
-            for (env, body), look in recording._contents.bodies.items()
+            for (env, body), look in list(recording._contents.bodies.items())[had.bodies :]
         ],
-        "drone": _drone(packer, recording.drone, recording.drone_mesh),
-        "scanners": [_lidar(packer, lidar, recording) for lidar in settings["scanners"]],
+        "drone": None if had.goes_on else _drone(packer, recording.drone, recording.drone_mesh),
+        "scanners": [_lidar(packer, lidar, recording, had) for lidar in settings["scanners"]],
         "cameras": [
-            _camera(packer, camera, recording) for camera in settings["cameras"] if camera["name"] in recording.images
+            _camera(packer, camera, recording, had)
+            for camera in settings["cameras"]
+            if camera["name"] in recording.images
         ],
         "curves": curves,
         "ends": [
@@ -133,6 +150,7 @@ def pack(recording: Recording) -> bytes:
             }
             for end in recording.ends
         ],
+        "paths": settings["paths"],
     }
     return packer.packed(header)
 
@@ -196,38 +214,36 @@ def _place(place: npt.ArrayLike | None) -> list[float] | None:
 
 def _drone(packer: _Packer, drone: DroneModel, mesh: DroneMesh | None) -> dict[str, Any]:
     is_quadrotor = mesh is None and drone.to_dict().get("rotors") is not None
-    if mesh is not None:
-        shown = mesh
-    elif is_quadrotor:
-        shown = DroneMesh._quadrotor(drone, _COLORS, propellers=False)
-    else:
-        hull = np.asarray(drone.hull, float)
-        shown = DroneMesh(hull, hull_faces(hull), _HULL)
+    vertices = np.asarray(drone.hull, float)
+    hull = DroneMesh(vertices, hull_faces(vertices), _HULL)
+    if is_quadrotor:
+        mesh = DroneMesh._quadrotor(drone, _COLORS, propellers=False)
     hubs, spins, radius = rotors_of(drone) if is_quadrotor else (np.zeros((0, 3)), [], 0.0)
     return {
         "name": drone.name,
-        "glb": packer.place(shown.world().to_glb()),
+        "glb": packer.place((mesh or hull).world().to_glb()),
+        "hull": packer.place(hull.world().to_glb()),
         "hubs": hubs.tolist(),
         "spins": [1 if spin == "ccw" else -1 for spin in spins],
         "rotor_m": radius,
     }
 
 
-def _lidar(packer: _Packer, lidar: dict[str, Any], recording: Recording) -> dict[str, Any]:
+def _lidar(packer: _Packer, lidar: dict[str, Any], recording: Recording, had: Had) -> dict[str, Any]:
     name, most = f"lidar.{lidar['name']}", float(lidar["reach_m"])
     ranges = recording[f"{name}.ranges"].astype(float)
     scale = max(most, float(np.max(ranges, initial=0.0, where=np.isfinite(ranges)))) / (_NO_RANGE - 1)
     numbers = np.where(np.isfinite(ranges), np.round(np.nan_to_num(ranges, posinf=0.0) / scale), _NO_RANGE)
     packer.add(f"{name}.ranges", numbers.astype(np.uint16), scale=scale, none=_NO_RANGE)
-    packer.add(f"{name}.directions", np.asarray(lidar["directions"], np.float32))
+    if not had.goes_on:
+        packer.add(f"{name}.directions", np.asarray(lidar["directions"], np.float32))
     kept = {"name": lidar["name"], "offset_m": lidar["offset_m"], "reach_m": most}
     return {**kept, "ranges": f"{name}.ranges", "directions": f"{name}.directions"}
 
 
-def _camera(packer: _Packer, camera: dict[str, Any], recording: Recording) -> dict[str, Any]:
+def _camera(packer: _Packer, camera: dict[str, Any], recording: Recording, had: Had) -> dict[str, Any]:
     name, files = f"camera.{camera['name']}", recording.images[camera["name"]]
-    starts: Sequence[int] = np.cumsum([0, *map(len, files)]).tolist()
     packer.add(f"{name}.image", recording[f"{name}.image"].astype(np.int32))
-    packer.add(f"{name}.data", np.frombuffer(b"".join(files), np.uint8))
-    packer.add(f"{name}.data.starts", np.asarray(starts, np.int32))
-    return {**camera, "frames": f"{name}.image", "data": f"{name}.data"}
+    at = packer.place(b"".join(files))[0]
+    ends = np.cumsum([at, *map(len, files)]).tolist()
+    return {**camera, "frames": f"{name}.image", "first": had.images.get(camera["name"], 0), "data": ends}

@@ -5,8 +5,11 @@ from __future__ import annotations
 import base64
 import gzip
 import html
+import os
+import re
+import sys
 from collections.abc import Sequence
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ from flockstep.viewer.packing import pack
 
 _TEMPLATE = Path(__file__).with_name("page.html")
 _PLACE = "<!-- flights -->"
+_BLOCK = '<script type="application/gzip">{}</script>'
 
 
 def is_built() -> bool:
@@ -37,23 +41,61 @@ def template() -> str:
         raise FileNotFoundError(f"{_TEMPLATE.name}: this build of flockstep has no page for replays; {hint}") from None
 
 
-def page(recordings: Sequence[Recording]) -> str:
-    """Return the text of a page that shows one recording, or two: the second as a ghost, or side by side."""
+def flight_in(path: str | PathLike[str]) -> Recording | str:
+    """Return the recording of a file ``.mcap``, or the first flight of a page, as it stands there.
+
+    Raises
+    ------
+    ValueError
+        The file is neither.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".mcap":
+        return Recording(path)
+    if suffix != ".html":
+        raise ValueError(f"path: expected a name that ends with .html or .mcap, got {fspath(path)!r}")
+    text = Path(path).read_bytes()
+    found = re.search(_BLOCK.format(r"([\w+/=\s]+)").encode(), text)
+    if found is None or not text.rstrip().endswith(b"</html>"):  # or it was cut short
+        raise ValueError(f"path: expected a page that replays a flight, got {fspath(path)!r}")
+    return found[1].decode()
+
+
+def page(recordings: Sequence[Recording | str]) -> str:
+    """Return the text of a page that shows one recording, or two: the second as a ghost, or side by side.
+
+    Those of other pages are texts of `flight_in`.
+    """
     if not 1 <= len(recordings) <= 2:
         raise ValueError(f"recordings: expected one or two, got {len(recordings)}")
+    return with_block("\n".join(_BLOCK.format(_flight(recording)) for recording in recordings))
+
+
+def with_block(block: str) -> str:
+    """Return the text of the page with a block that says what it shows."""
     before, found, after = template().partition(_PLACE)
     assert found, "the page has no place for flights"
-    flights = (base64.b64encode(gzip.compress(pack(recording), 6, mtime=0)).decode() for recording in recordings)
-    blocks = "\n".join(f'<script type="application/gzip">{flight}</script>' for flight in flights)
-    return before + blocks + after
+    return before + block + after
 
 
-def write(path: str | PathLike[str], recordings: Sequence[Recording]) -> None:
+def _flight(recording: Recording | str) -> str:
+    if isinstance(recording, str):
+        return recording
+    return base64.b64encode(gzip.compress(pack(recording), 6, mtime=0)).decode()
+
+
+def write(path: str | PathLike[str], recordings: Sequence[Recording | str]) -> None:
     """Write a page, completely or not at all."""
     text = page(recordings)
     part = Path(f"{path}.part")
     part.write_text(text, encoding="utf-8")
     part.replace(path)
+
+
+def has_display() -> bool:
+    """Return whether a browser could open a window that somebody sees."""
+    is_screen = sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+    return is_screen and not os.environ.get("CI")
 
 
 def show(*recordings: Recording, height: int = 600) -> Any:

@@ -301,7 +301,7 @@ class TestInvariance:
 
 class TestInterface:
     @pytest.mark.parametrize(
-        "field, value, shown",
+        ("field", "value", "shown"),
         [
             ("downwash", True, "True"),
             ("ground_effect", True, "True"),

@@ -41,8 +41,7 @@ def test_pettingzoos_tests_pass(kind: str) -> None:
 
 
 def test_pettingzoos_render_test_passes() -> None:
-    """It makes the env in the mode "human" first, which none of our envs has."""
-    render_test(lambda render_mode: parallel_to_aec(make(render_mode=None if render_mode == "human" else render_mode)))
+    render_test(lambda render_mode: parallel_to_aec(make(render_mode=render_mode)))
 
 
 def test_seed_s_is_env_s_of_the_batch() -> None:
@@ -177,8 +176,8 @@ def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
             make(**{name: value})
     with refused(ValueError, "num_drones", 0):
         flockstep.parallel_env(num_drones=0)
-    with refused(ValueError, "render_mode", "human"):
-        make(render_mode="human")
+    with refused(ValueError, "render_mode", "window"):
+        make(render_mode="window")
     with refused(TypeError, "unexpected keyword argument 'drones'"):
         make(drones=2)
     real = builtins.__import__

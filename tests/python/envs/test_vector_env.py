@@ -336,7 +336,7 @@ class TestMaking:
     @pytest.mark.parametrize(
         ("arguments", "said"),
         [
-            ({"render_mode": "human"}, ("render_mode", "human")),
+            ({"render_mode": "window"}, ("render_mode", "window")),
             ({"action": "jump"}, ("action", "jump")),
             ({"max_episode_steps": -1}, ("max_episode_steps", -1)),
             ({"colour": "red"}, ("DroneVectorEnv.__init__()", "colour")),
@@ -467,23 +467,6 @@ def test_numpy_to_torch(closet):
     infos = [envs.step(torch.zeros(4, dtype=torch.int64))[4] for _ in range(4)]
     (ends,) = (info for info in infos if info)
     assert ends["episode_end"].tolist() == [flockstep.EpisodeEnd.time] * 4
-
-
-@pytest.mark.parametrize(
-    ("make_it", "wrapper"),
-    [
-        (lambda: gymnasium.make_vec(ID, 2, render_mode="human"), "gymnasium.wrappers.vector.HumanRendering"),
-        (lambda: flockstep.DroneVectorEnv(render_mode="human"), "gymnasium.wrappers.vector.HumanRendering"),
-        (lambda: flockstep.DroneEnv(render_mode="human"), "gymnasium.wrappers.HumanRendering"),
-    ],
-)
-def test_a_window_is_a_wrapper(make_it, wrapper):
-    with refused(ValueError, "render_mode", f"render_mode='rgb_array' in {wrapper}"):
-        make_it()
-    found = gymnasium.wrappers
-    for part in wrapper.split(".")[2:]:
-        found = getattr(found, part)
-    assert issubclass(found, gymnasium.Wrapper | gymnasium.vector.VectorWrapper)
 
 
 def test_an_id_belongs_to_gymnasium():

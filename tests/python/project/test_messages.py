@@ -127,9 +127,8 @@ NativeTask(3)
 made(autoreset_mode="next_stop")
   ValueError: autoreset_mode: expected 'next_step', 'same_step', 'disabled' or an AutoresetMode, got 'next_stop'. Did
   you mean 'next_step'?
-made(render_mode="human")
-  ValueError: render_mode: expected None or 'rgb_array', got 'human'; for a window, wrap an env with
-  render_mode='rgb_array' in gymnasium.wrappers.vector.HumanRendering
+made(render_mode="window")
+  ValueError: render_mode: expected None or 'human', 'rgb_array', got 'window'
 made(worlds=None, task=Still)
   ValueError: Still declares no worlds: set Still.worlds = 'train', or pass worlds=
 made(worlds=ROOM)

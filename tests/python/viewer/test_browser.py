@@ -5,48 +5,26 @@ These tests run where Chromium, Playwright and the built page are; elsewhere the
 
 import base64
 import gzip
-import shutil
-import time
 
 import numpy as np
 import pytest
+from chromium import CHROMIUM, drawn, opened_tab, wait
 
 import flockstep
 from flockstep.recordings import Capture
 from flockstep.viewer import page as pages
 
-CHROMIUM = shutil.which("chromium")
 if CHROMIUM is None or not pages.is_built():
     pytest.skip("needs Chromium and the page of ./dev viewer", allow_module_level=True)
-playwright = pytest.importorskip("playwright.sync_api")
 
-TIME_LIMIT_MS = 240_000  # on a busy machine
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # OpenGL without a GPU
 HTML = '<img src=x onerror="window.hacked=1">'
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as player:
-        browser = player.chromium.launch(executable_path=CHROMIUM, args=FLAGS, timeout=TIME_LIMIT_MS)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture
 def tab(browser):
-    """A tab; at its end no script may have failed and nothing may have been asked for over a network."""
-    tab = browser.new_page(viewport={"width": 800, "height": 600})
-    tab.set_default_timeout(TIME_LIMIT_MS)
-    troubles = []
-    tab.on("console", lambda message: troubles.append(message.text) if message.type in ("error", "warning") else None)
-    tab.on("pageerror", lambda error: troubles.append(str(error)))
-    tab.on("dialog", lambda dialog: troubles.append(dialog.message))
-    tab.on("request", lambda request: troubles.append(request.url) if request.url[:4] == "http" else None)
-    yield tab
-    tab.close()
-    harmless = ("GPU stall", "GL Driver Message", "swiftshader", "SwiftShader")
-    assert not [trouble for trouble in troubles if not any(word in trouble for word in harmless)]
+    """A tab for files."""
+    with opened_tab(browser) as tab:
+        yield tab
 
 
 def opened(tab, path, state="ready"):
@@ -55,25 +33,11 @@ def opened(tab, path, state="ready"):
     assert tab.evaluate("document.body.dataset.state") == state, tab.evaluate("document.body.innerText")
 
 
-def wait(tab, condition):
-    """Wait for a condition; Playwright's own function needs eval, which the page forbids."""
-    end = time.monotonic() + TIME_LIMIT_MS / 1000
-    while not tab.evaluate(condition):
-        assert time.monotonic() < end, condition
-        tab.wait_for_timeout(50)
-
-
-def drawn(tab, code):
-    """Run code, and wait until the page has drawn again."""
-    before = tab.evaluate(f"(() => {{ {code}; return flockstep.page.drawn }})()")
-    wait(tab, f"flockstep.page.drawn > {before}")
-
-
-def captured(steps, num_envs=1, seed=0, **keywords):
+def captured(steps, num_envs=1, seed=0, paths=(), **keywords):
     envs = flockstep.DroneVectorEnv(num_envs, **{"autoreset_mode": "disabled", **keywords})
     envs.action_space.seed(seed)
     envs.reset(seed=seed)
-    capture = Capture(envs)
+    capture = Capture(envs, paths=paths)
     capture.add()
     for _ in range(steps):
         actions = envs.action_space.sample()
@@ -251,7 +215,7 @@ def test_a_damaged_page_says_so(tab, damage, flight, tmp_path):
     elif damage == "not gzip":
         block = base64.b64encode(data).decode()
     elif damage == "format":
-        block = base64.b64encode(gzip.compress(data.replace(b'"format": 1', b'"format": 9', 1))).decode()
+        block = base64.b64encode(gzip.compress(data.replace(b'"format": 2', b'"format": 9', 1))).decode()
     elif damage == "counts":
         block = base64.b64encode(gzip.compress(data.replace(b'"shape": [26,', b'"shape": [999999999,', 1))).decode()
     blocks = "" if damage == "none" else f'<script type="application/gzip">{block}</script>'
@@ -268,3 +232,51 @@ def test_a_swarm_is_drawn_by_few_calls(tab, tmp_path):
     drawn(tab, "flockstep.page.seek(0.2)")
     assert tab.evaluate("flockstep.page.stage.parts[0].drones.poses.size") == 300
     assert tab.evaluate("flockstep.page.stage.renderer.info.render.calls") < 40
+
+
+def test_hull_cameras_and_planned_paths(tab, tmp_path):
+    cameras = [
+        flockstep.CameraConfig(name=name, width_px=16 * number, height_px=8, rate_hz=10)
+        for number, name in ((1, "front"), (2, "down"))
+    ]
+    paths = [[(2, 2, 1), (3, 4, 2), (6, 4, 2)], [(1, 1, 1), (1, 1, 3)]]
+    task = flockstep.HoverConfig()  # its drones have rotors
+    recording = captured(4, num_envs=2, worlds="playground/train-1", camera=cameras, task=task, paths=paths)
+    recording.save(tmp_path / "a.html")
+    opened(tab, tmp_path / "a.html")
+
+    wait(tab, "[...document.querySelectorAll('#images canvas')].map(image => image.width) == '16,32'")
+    assert tab.locator("#images figcaption").all_inner_texts() == ["front", "down"]
+
+    shown = "flockstep.page.stage.parts[0].overlays.paths.map(path => path.visible)"
+    assert tab.evaluate(shown) == [True, False]
+    segments = tab.evaluate(
+        """['instanceStart', 'instanceEnd'].map(name => [0, 1].map(i => {
+            const place = flockstep.page.stage.parts[0].overlays.paths[0].geometry.getAttribute(name);
+            return [place.getX(i), place.getY(i), place.getZ(i)];
+        }))"""
+    )
+    assert segments == [[list(point) for point in paths[0][:2]], [list(point) for point in paths[0][1:]]]
+    drawn(tab, "flockstep.page.choose(1)")
+    assert tab.evaluate(shown) == [False, True]
+    tab.keyboard.press("l")
+    drawn(tab, "flockstep.page.seek(0.02)")
+    assert tab.evaluate(shown) == [False, False]
+
+    places = """(() => {
+        const drones = flockstep.page.stage.parts[0].drones;
+        const corners = [...drones.body, ...drones.hull].filter(mesh => mesh.visible).flatMap(mesh => {
+            const place = mesh.geometry.getAttribute('position');
+            return Array.from({length: place.count}, (_, i) => [place.getX(i), place.getY(i), place.getZ(i)]);
+        });
+        return [corners, [...drones.blades, drones.discs].map(mesh => mesh.visible)];
+    })()"""
+    corners, turning = tab.evaluate(places)
+    hull = np.asarray(flockstep.DroneVectorEnv(1, worlds="playground/train-1", task=task).batch.drone.hull)
+    assert turning == [True, True, True]
+    assert len(corners) > 10 * len(hull)
+    tab.keyboard.press("m")
+    drawn(tab, "flockstep.page.seek(0.04)")
+    corners, turning = tab.evaluate(places)
+    assert turning == [False, False, False]
+    np.testing.assert_allclose(np.unique(np.round(corners, 5), axis=0), np.unique(np.round(hull, 5), axis=0), atol=2e-5)

@@ -86,6 +86,30 @@ def test_files_give_back_every_array(varied, tmp_path):
     assert [world.to_glb() for world in read.worlds.values()] == [w.to_glb() for w in recording.worlds.values()]
 
 
+@pytest.mark.parametrize("suffix", [".mcap", ".html"])
+def test_planned_paths_are_kept(suffix, tmp_path):
+    if suffix == ".html" and not page.is_built():
+        pytest.skip("no page for replays: this build had no Node.js")
+    path = tmp_path / f"flight{suffix}"
+    planned = [flockstep.plan("playground/train-1", (2, 2, 2), [(6, 6, 2)]), [(0, 0, 1), (1, 0.1, 1)]]
+    flockstep.record(path, steps=2, worlds="playground/train-1", paths=planned, quiet=True)
+    found = Recording(path).paths if suffix == ".mcap" else header_of(path.read_text())[0]["paths"]
+    assert len(found) == 2
+    for kept, given in zip(found, planned, strict=True):
+        np.testing.assert_array_equal(kept, given)
+
+
+@pytest.mark.parametrize("wrong", [[None], [[(0, 0, 0)]], [[(0, 0), (1, 1)]], [[(0, 0, 0), (0, 0, np.nan)]], [["<b>"]]])
+def test_what_is_no_path_is_refused_before_there_is_a_file(wrong, tmp_path):
+    for suffix in (".mcap", ".html"):
+        with refused(ValueError, "paths[1]: expected an array (P, 3) of finite numbers with P >= 2, got "):
+            path, paths = tmp_path / f"flight{suffix}", [[(0, 0, 0), (1, 1, 1)], *wrong]
+            flockstep.record(path, steps=2, worlds="playground/train-1", paths=paths, quiet=True)
+    with refused(ValueError, "paths: expected none for .mp4, got 1"):
+        flockstep.record(tmp_path / "film.mp4", paths=wrong)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_file_that_is_cut_short_is_read_up_to_its_end(tmp_path):
     _, recording, _ = flown(steps=300, num_envs=4)
     recording.save(tmp_path / "flight.mcap")

@@ -1,0 +1,111 @@
+"""Fly a drone by hand in a browser: the command ``python -m flockstep fly``."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from contextlib import closing, suppress
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from flockstep import policies
+from flockstep._core import Batch, engine_tasks
+from flockstep.registration import make_by_id
+from flockstep.rotations import yaw_of
+from flockstep.task import Task
+from flockstep.trainings.table import TRAININGS
+from flockstep.vector_env import DroneVectorEnv
+from flockstep.viewer.live import LiveView, view
+
+#: Modes of control, the default first
+CONTROLS = ("body_rates", "attitude", "heading_velocity", "velocity", "acceleration", "position")
+_YAW = 0.25  # share of half a turn that a stick turns away from the current heading
+
+
+class ByHand(Task):
+    """A flight without aim and end."""
+
+    action_space = spaces.Box(-1, 1, (4,), np.float32)
+    observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float32)
+
+    def act(self, batch: Batch, actions: Any) -> Any:
+        """Command what the sticks say."""
+        return batch.terms.command(actions)
+
+    def step(self, batch: Batch) -> Any:
+        """Reward nothing."""
+        return np.zeros(batch.num_drones), np.zeros(batch.num_drones, bool)
+
+    def observe(self, batch: Batch) -> Any:
+        """Observe the position."""
+        return batch.position
+
+
+def command_of(mode: str, sticks: tuple[float, float, float, float], turned: float) -> npt.NDArray[np.float32]:
+    """Return the action (4,) of a control mode for the sticks throttle, roll, pitch and yaw, at a heading in rad."""
+    throttle, roll, pitch, turn = sticks
+    if mode in CONTROLS[:2]:
+        return np.array([throttle, roll, pitch, -turn * (1 if mode == CONTROLS[0] else _YAW)], np.float32)
+    heading = 0.0 if mode.startswith("heading") else turned
+    ahead = pitch * np.cos(heading) + roll * np.sin(heading)
+    left = pitch * np.sin(heading) - roll * np.cos(heading)
+    return np.array([ahead, left, throttle, -turn * (1 if mode.endswith("velocity") else _YAW)], np.float32)
+
+
+def envs_for(arguments: argparse.Namespace) -> DroneVectorEnv:
+    """Return one env with the drone, and with that of the ghost."""
+    make = partial(DroneVectorEnv, 1, worlds=arguments.world, drone=arguments.drone, num_threads=1)
+    if arguments.ghost is not None:
+        race = TRAININGS[arguments.ghost].film["task"]
+        return make(task=race, drones_per_env=2, episodes="each", max_episode_steps=0)
+    with closing(make_by_id("flockstep/CameraNavigation-v0", 1)) as sensing:
+        sensors = partial(make, lidar=sensing.lidars, camera=sensing.cameras)
+    return sensors(task=ByHand, motion="rotors", control=arguments.control, on_contact="bounce", policy_hz=50)
+
+
+def fly(envs: DroneVectorEnv, live: LiveView, mode: str, ghost: Any = None) -> None:
+    """Fly by the sticks of a page, while there is one, until the view is closed."""
+    observation, _ = envs.reset(seed=0)
+    while live.is_open:
+        if not live.is_watched:
+            time.sleep(0.05)
+            continue
+        if live.take_reset():
+            observation, _ = envs.reset()
+        actions = np.zeros((envs.num_envs, 4), np.float32)
+        if ghost is not None:
+            actions = ghost.predict(observation, deterministic=True)[0]  # the first drone's is replaced
+        actions[0] = command_of(mode, live.sticks(), float(yaw_of(envs.batch.quat_wxyz)[0]))
+        observation, *_ = envs.step(actions)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command ``fly``."""
+    parser.set_defaults(run=main)
+    parser.add_argument("world", metavar="WORLD", help="name of a scene, such as indoor/office, or its file")
+    parser.add_argument("--drone", help="name of an airframe, or its file; default: racer5 in a race, otherwise t650")
+    modes = "what the sticks command; default: body_rates, which pilots call acro"
+    parser.add_argument("--control", choices=CONTROLS, default=CONTROLS[0], help=modes)
+    rival = "a bundled policy that races you, in a world with gates"
+    racing = [name for name in policies.names() if name in engine_tasks and "task" in TRAININGS[name].film]
+    parser.add_argument("--ghost", choices=racing, help=rival)
+    parser.add_argument("--port", type=int, default=0, help="port on 127.0.0.1; default: any free one")
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Fly until Ctrl-C."""
+    if arguments.ghost is not None and arguments.control != CONTROLS[0]:
+        raise ValueError(f"expected --control {CONTROLS[0]} with --ghost, got {arguments.control}")
+    ghost = None if arguments.ghost is None else policies.load(arguments.ghost)
+    envs = envs_for(arguments)
+    try:
+        live = view(envs, port=arguments.port, flies=True)
+    except OSError as error:
+        raise RuntimeError(f"expected a free port, got {arguments.port}: {error}") from error
+    with live, suppress(KeyboardInterrupt):
+        print(f"flockstep flies in {arguments.world}; Ctrl-C ends it", flush=True)
+        fly(envs, live, arguments.control, ghost)

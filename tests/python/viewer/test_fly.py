@@ -1,0 +1,85 @@
+"""Flights by hand without a browser: sticks, their direction in each mode, resets and a ghost."""
+
+import argparse
+import json
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from websockets.sync.client import connect
+
+import flockstep
+from flockstep.viewer import fly, page
+
+pytestmark = pytest.mark.skipif(not page.is_built(), reason="no page: this build had no Node.js")
+
+
+def made(mode, ghost=None, world="arena/hall"):
+    return fly.envs_for(argparse.Namespace(world=world, drone=None, control=mode, ghost=ghost))
+
+
+def flown(mode, sticks, steps=25):
+    """How a drone has moved and turned after steps with these sticks, forward, left and up of where it began."""
+    envs = made(mode)
+    envs.reset(seed=0)
+    turn, before = envs.batch.rotation[0].copy(), envs.batch.position[0].copy()
+    for _ in range(steps):
+        heading = float(np.arctan2(*envs.batch.rotation[0][1::-1, 0]))
+        envs.step(fly.command_of(mode, sticks, heading)[None])
+    moved, forward = turn.T @ (envs.batch.position[0] - before), turn.T @ envs.batch.rotation[0][:, 0]
+    envs.close()
+    return moved, np.arctan2(forward[1], forward[0])
+
+
+@pytest.mark.parametrize("mode", fly.CONTROLS)
+def test_each_stick_moves_the_drone_its_way(mode):
+    small = 0.1 if mode == "body_rates" else 0.5
+    (_, _, up), _ = flown(mode, (0.5, 0, 0, 0))
+    assert up > 0.1
+    (_, left, _), _ = flown(mode, (0, small, 0, 0))
+    assert left < -0.05
+    (ahead, _, _), _ = flown(mode, (0, 0, small, 0))
+    assert ahead > 0.05
+    _, turned = flown(mode, (0, 0, 0, 0.2), steps=15)
+    assert turned < -0.05  # to the right
+    moved, turned = flown(mode, (0, 0, 0, 0))
+    np.testing.assert_allclose([*moved, turned], 0, atol=0.05)
+
+
+def test_a_ghost_races_beside_the_hand_and_r_begins_again():
+    envs = made("body_rates", "race", "race/figure-8")
+    ghost = flockstep.policies.load("race")
+    with flockstep.view(envs, browser=False, flies=True) as live:
+        thread = threading.Thread(target=fly.fly, args=(envs, live, "body_rates", ghost))
+        thread.start()
+        address = live.address.replace("http", "ws", 1).replace("/?", "/live?")
+        with connect(address, max_size=None) as pilot:
+            for message in pilot:
+                pilot.send(json.dumps({"got": isinstance(message, bytes), "sticks": [0.1, 0, 0, 0]}))
+                if envs.batch.episode_length[1] > 20:
+                    break
+            pilot.send(json.dumps({"reset": True}))
+            for message in pilot:
+                pilot.send(json.dumps({"got": isinstance(message, bytes)}))
+                if envs.batch.episode[0] == 1:
+                    break
+    thread.join()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nowhere"], "nowhere"),
+        (["arena/hall", "--ghost", "race"], "gates"),
+        (["race/figure-8", "--ghost", "race", "--control", "velocity"], "body_rates"),
+        (["arena/hall", "--port", "99999"], "65535"),
+    ],
+)
+def test_the_command_says_what_is_wrong(arguments, said):
+    command = [sys.executable, "-m", "flockstep", "fly", *arguments]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 1
+    assert ended.stderr.startswith("flockstep fly: ")
+    assert said in ended.stderr

@@ -1,0 +1,79 @@
+"""``flockstep view``: pages from recordings, opened only where there is a display."""
+
+import sys
+
+import numpy as np
+import pytest
+from test_recordings import flown, header_of, needs_page
+
+pytestmark = needs_page
+
+
+@pytest.fixture
+def view(monkeypatch, command):
+    """A function that runs the command; it returns the exit status, standard output and the opened addresses."""
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "CI"):
+        monkeypatch.delenv(name, raising=False)
+    return lambda *arguments: (*command("view", *arguments)[:2], opened)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Two recordings of different lengths, each as both kinds of file."""
+    folder = tmp_path_factory.mktemp("files")
+    for name, steps in (("a", 5), ("b", 9)):
+        _, recording, _ = flown(steps=steps, num_envs=1)
+        recording.save(folder / f"{name}.mcap")
+        recording.save(folder / f"{name}.html")
+    return folder
+
+
+def steps_in(path):
+    blocks = path.read_text().split('<script type="application/gzip">')[1:]
+    return [header_of('<script type="application/gzip">' + block)[0]["steps"] for block in blocks]
+
+
+def test_a_recording_becomes_a_page(view, files):
+    out = files / "a.view.html"
+    assert view(files / "a.mcap") == (0, f"{out}\n", [])
+    assert header_of(out.read_text())[0] == header_of((files / "a.html").read_text())[0]
+
+
+def test_a_page_is_opened_as_it_is(view, files, monkeypatch):
+    before = sorted(files.iterdir())
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert view(files / "a.html") == (0, f"{files / 'a.html'}\n", [(files / "a.html").as_uri()])
+    assert sorted(files.iterdir()) == before
+
+
+@pytest.mark.parametrize("kinds", [(".mcap", ".mcap"), (".html", ".mcap"), (".html", ".html")])
+def test_two_of_any_kind_become_one_page(view, files, tmp_path, kinds):
+    out = tmp_path / "both.html"
+    assert view(files / f"a{kinds[0]}", files / f"b{kinds[1]}", "--out", out) == (0, f"{out}\n", [])
+    assert steps_in(out) == [6, 10]
+
+
+def test_a_page_of_two_gives_its_first(view, files, tmp_path):
+    view(files / "b.mcap", files / "a.mcap", "--out", tmp_path / "both.html")
+    view(tmp_path / "both.html", files / "a.html", "--out", tmp_path / "again.html")
+    assert steps_in(tmp_path / "again.html") == [10, 6]
+
+
+def test_what_is_no_recording_is_refused_before_a_page_is_written(view, files, tmp_path):
+    (tmp_path / "other.html").write_text("<script>1</script>")
+    (tmp_path / "cut.html").write_bytes((files / "a.html").read_bytes()[:-20_000])
+    (tmp_path / "noise.mcap").write_bytes(np.random.default_rng(0).bytes(5000))
+    before = sorted(tmp_path.iterdir())
+    for name in ("other.html", "cut.html", "noise.mcap", "nothing.mcap", "nothing.html", "flight.txt"):
+        status, out, _ = view(tmp_path / name)
+        assert status.startswith("flockstep view: ")
+        assert out == ""
+    assert status == f"flockstep view: path: expected a name that ends with .html or .mcap, got '{tmp_path}/flight.txt'"
+    for wrong, words in (("page.txt", "expected a name that ends with .html"), ("a.html", "expected another file")):
+        status, *_ = view(files / "a.html", files / "b.html", "--out", files / wrong)
+        assert words in status
+    assert sorted(tmp_path.iterdir()) == before
+    assert steps_in(files / "a.html") == [6]
