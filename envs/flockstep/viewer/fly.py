@@ -106,7 +106,7 @@ def main(arguments: argparse.Namespace) -> None:
             raise ValueError(f"expected --control {CONTROLS[0]} with --ghost, got {arguments.control}")
         ghost = None if arguments.ghost is None else policies.load(arguments.ghost)
         envs = envs_for(arguments)
-        with view(envs, port=arguments.port, flies=True) as live:
+        with view(envs, local_port=arguments.port, flies=True) as live:
             print(f"flockstep flies in {arguments.world}; Ctrl-C ends it", flush=True)
             fly(envs, live, arguments.control, ghost)
     except (ValueError, TypeError, RuntimeError, ModuleNotFoundError, OSError) as error:

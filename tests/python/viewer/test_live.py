@@ -355,8 +355,8 @@ def test_copies_are_not_watched():
 def test_bad_arguments():
     envs = made()
     for port in (-1, 1 << 16, 1.5, True, "80"):
-        with refused(ValueError, "port", port):
-            flockstep.view(envs, port=port, browser=False)
+        with refused(ValueError, "local_port", port):
+            flockstep.view(envs, local_port=port, browser=False)
     with refused(TypeError, "envs", "DroneVectorEnv"):
         flockstep.view(gymnasium.make("CartPole-v1"))
     with flockstep.view(envs, browser=False) as live:
@@ -364,7 +364,7 @@ def test_bad_arguments():
             flockstep.view(envs)
         port = int(live.address.split(":")[2].split("/")[0])
         with pytest.raises(OSError, match="in use"):
-            flockstep.view(made(1), port=port, browser=False)
+            flockstep.view(made(1), local_port=port, browser=False)
     live.close()  # twice does no harm
     envs.close()
     with refused(ValueError, "envs", "closed"):
