@@ -103,7 +103,7 @@ def main(arguments: argparse.Namespace) -> None:
     ghost = None if arguments.ghost is None else policies.load(arguments.ghost)
     envs = envs_for(arguments)
     try:
-        live = view(envs, port=arguments.port, flies=True)
+        live = view(envs, local_port=arguments.port, flies=True)
     except OSError as error:
         raise RuntimeError(f"expected a free port, got {arguments.port}: {error}") from error
     with live, suppress(KeyboardInterrupt):

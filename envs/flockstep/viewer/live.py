@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
 import numpy as np
 import numpy.typing as npt
@@ -50,15 +50,14 @@ class LiveView:
         The page, with the token that it needs.
     """
 
-    def __init__(self, envs: DroneVectorEnv, port: int, flies: bool) -> None:
+    def __init__(self, envs: DroneVectorEnv, local_port: int, flies: bool) -> None:
         serve = require()
-        self._token = secrets.token_urlsafe(16)
-        self._socket = socket.create_server(("127.0.0.1", port))
-        self._envs = weakref.ref(envs, lambda _: self.close())
+        self._query = f"token={secrets.token_urlsafe(16)}"
         self._num_envs, self._step_s = envs.num_groups, step_seconds(envs)
         source = json.dumps({"envs": envs.num_groups, "flies": flies})
+        self._socket = socket.create_server(("127.0.0.1", local_port))
         host = f"127.0.0.1:{self._socket.getsockname()[1]}"
-        self.address = f"http://{host}/?token={self._token}"
+        self.address = f"http://{host}/?{self._query}"
         self._origins = {f"http://{host}", f"http://localhost:{host.rpartition(':')[2]}"}
         self._page = page.with_block(f'<script type="application/json" id="live">{source}</script>').replace(
             _PLACE, f"{_PLACE} connect-src ws://{host} ws://localhost:{host.rpartition(':')[2]};"
@@ -72,6 +71,7 @@ class LiveView:
         self._loop = asyncio.new_event_loop()
         self._ended = asyncio.Event()
         self._thread = threading.Thread(target=self._run, args=(serve,), name="flockstep view", daemon=True)
+        self._envs = weakref.ref(envs, lambda _: self.close())
         self._thread.start()
 
     @property
@@ -170,9 +170,8 @@ class LiveView:
     def _answer(self, connection: Any, request: Any) -> Any:
         """Answer a request for the page, refuse strangers, or return None for a WebSocket."""
         asked = urlsplit(request.path)
-        token = parse_qs(asked.query).get("token", [""])[-1]
-        if not secrets.compare_digest(token.encode(), self._token.encode()):
-            return connection.respond(403, "token: open the address that flockstep printed\n")
+        if not secrets.compare_digest(asked.query.encode(), self._query.encode()):
+            return connection.respond(403, "open the whole address that flockstep printed, with its token\n")
         if not self._origins.issuperset(request.headers.get_all("Origin")):
             return connection.respond(403, "Origin: expected the page of this address\n")
         if asked.path == "/live":
@@ -337,7 +336,7 @@ def require() -> Callable[..., Any]:
     return serve
 
 
-def view(envs: Any, *, port: int = 0, browser: bool = True, flies: bool = False) -> LiveView:
+def view(envs: Any, *, local_port: int = 0, browser: bool = True, flies: bool = False) -> LiveView:
     """Show envs in a browser while your program steps them, trains in them or evaluates a policy in them.
 
     The page has one env at a time. It can pause the program between two env steps, step it, and slow it down to the
@@ -351,7 +350,7 @@ def view(envs: Any, *, port: int = 0, browser: bool = True, flies: bool = False)
     ----------
     envs
         A `DroneVectorEnv`, a `DroneEnv`, a ``VecEnv`` of `flockstep.sb3`, or one of these in wrappers.
-    port
+    local_port
         Port on 127.0.0.1. 0: any free one.
     browser
         Open a browser if there is a display; without one, print the address.
@@ -379,9 +378,10 @@ def view(envs: Any, *, port: int = 0, browser: bool = True, flies: bool = False)
         raise ValueError("envs: expected open envs, got closed ones")
     if found._live is not None:
         raise ValueError(f"envs: expected envs without a view, got envs with one at {found._live.address}")
-    if isinstance(port, bool) or not isinstance(port, (int, np.integer)) or not 0 <= port < 1 << 16:
-        raise ValueError(f"port: expected an integer from 0 to 65535, got {port!r}")
-    made = found._live = LiveView(found, int(port), flies)
+    is_number = isinstance(local_port, (int, np.integer)) and not isinstance(local_port, bool)
+    if not is_number or not 0 <= local_port < 1 << 16:
+        raise ValueError(f"local_port: expected an integer from 0 to 65535, got {local_port!r}")
+    made = found._live = LiveView(found, int(local_port), flies)
     if browser:
         _open(made.address)
     return made

@@ -1,8 +1,11 @@
 """The live view without a browser: what a client gets and may do, pauses, trainings, and ends."""
 
 import json
+import pickle
 import socket
 import struct
+import subprocess
+import sys
 import threading
 import time
 from contextlib import ExitStack, contextmanager
@@ -340,8 +343,6 @@ def test_ctrl_c_ends_a_pause(monkeypatch):
 
 
 def test_copies_are_not_watched():
-    import pickle
-
     envs = made()
     with flockstep.view(envs, browser=False) as live:
         copy = pickle.loads(pickle.dumps(envs))
@@ -355,8 +356,8 @@ def test_copies_are_not_watched():
 def test_bad_arguments():
     envs = made()
     for port in (-1, 1 << 16, 1.5, True, "80"):
-        with refused(ValueError, "port", port):
-            flockstep.view(envs, port=port, browser=False)
+        with refused(ValueError, "local_port", port):
+            flockstep.view(envs, local_port=port, browser=False)
     with refused(TypeError, "envs", "DroneVectorEnv"):
         flockstep.view(gymnasium.make("CartPole-v1"))
     with flockstep.view(envs, browser=False) as live:
@@ -364,7 +365,7 @@ def test_bad_arguments():
             flockstep.view(envs)
         port = int(live.address.split(":")[2].split("/")[0])
         with pytest.raises(OSError, match="in use"):
-            flockstep.view(made(1), port=port, browser=False)
+            flockstep.view(made(1), local_port=port, browser=False)
     live.close()  # twice does no harm
     envs.close()
     with refused(ValueError, "envs", "closed"):
@@ -372,7 +373,7 @@ def test_bad_arguments():
 
 
 def test_without_websockets_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "websockets.asyncio.server", None)
+    monkeypatch.setitem(sys.modules, "websockets.asyncio.server", None)
     with refused(ModuleNotFoundError, "websockets", "flockstep[client]"):
         flockstep.DroneEnv(render_mode="human")
 
@@ -421,6 +422,13 @@ def test_a_task_of_ones_own_is_watched():
         watcher = Watcher(live.address)
         with stepping(lambda: envs.step(envs.action_space.sample())):
             watcher.until(lambda: len(watcher.moments) > 1)
+
+
+def test_the_command_train_opens_a_view(tmp_path, headless):
+    options = ["--view", "--steps", "1000", "--flights", "2", "--threads", "1", "--out", str(tmp_path / "hover.zip")]
+    command = [sys.executable, "-m", "flockstep", "train", "hover", *options]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=240, check=True)
+    assert "flockstep: watch at http://127.0.0.1:" in ended.stderr
 
 
 def test_no_thread_is_left():
