@@ -35,7 +35,7 @@ JOBS = {
     "claims": "claims:claims",
     "profile": "claims:profile",
 }
-#: What rows of one result have in common.
+#: Properties of a machine that all rows of one result share.
 HARDWARE = ("cpu", "logical_processors", "simd")
 #: Jobs that only draw, by name: the function that draws.
 DRAWN = {"pictures": "pictures:draw", "paths": "experiments:draw_paths"}
