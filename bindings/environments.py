@@ -118,12 +118,13 @@ class Environment:
             motion=str(recipe.dynamics.motion),
             control=str(recipe.dynamics.control),
             drones_per_env=made.batch.drones_per_env,
+            interaction=str(recipe.interaction),
             policy_hz=float(recipe.clock.policy_hz),
             max_episode_steps=gymnasium.spec(env_id).max_episode_steps,
         )
         self.defaults = [] if self.is_default else [f"`task={configured(recipe.task)}`"]
         for name, value in keywords.items():
-            if value != 1:  # one drone in each env
+            if value not in (1, "none"):  # one drone in each env
                 self.defaults.append(f"`{name}={format(value, 'g') if isinstance(value, float) else repr(value)}`")
         self.defaults += [f"`lidar` with {lidar_text(config)}" for config in made.lidars]
         for c in made.cameras:

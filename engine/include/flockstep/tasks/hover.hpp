@@ -46,10 +46,10 @@ struct HoverConfig {
                 {"speed", "-``speed_weight`` times the speed, m/s"},
                 {"spin", "-``spin_weight`` times the magnitude of the angular velocity, in units of 10 rad/s"},
                 {"change", "-``change_weight`` times the mean squared difference from the last action, 0 at first"},
-                {"crash", "-``crash_weight`` if the episode ends as a crash"},
+                {"crash", "-``crash_weight`` if the episode ends as a failure"},
             },
         .end =
-            "A contact, or d > ``max_distance_m``, ends an episode as a crash. An episode without a crash is a success if d is "
+            "A contact, or d > ``max_distance_m``, ends an episode as a failure. An episode without a failure is a success if d is "
             "at most ``hold_m`` in every step of its last ``hold_s``.",
         .view = "third_person",
         .overlay = "target",
@@ -86,7 +86,7 @@ struct HoverConfig {
             "start_rate_dps", &C::start_rate_dps,
             {.about = "Maximum rate at the start, about each axis of the body.", .unit = "deg/s", .limits = between(0, 100000)}),
         field("max_distance_m", &C::max_distance_m,
-              {.about = "Distance from the point beyond which an episode ends as a crash.", .unit = "m", .limits = above(0)}),
+              {.about = "Distance from the point beyond which an episode ends as a failure.", .unit = "m", .limits = above(0)}),
         field("hold_m", &C::hold_m, {.about = "Distance within which the point is held.", .unit = "m", .limits = above(0)}),
         field("hold_s", &C::hold_s,
               {.about = "Time at the end of an episode during which the drone has to hold the point.",

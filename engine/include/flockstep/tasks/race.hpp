@@ -62,7 +62,7 @@ struct RaceConfig {
                 {"crash", "-``crash_weight`` on a crash"},
             },
         .end =
-            "A contact, a missed gate, or a distance above ``max_distance_m`` from the next gate ends an episode as a crash. It "
+            "A contact, a missed gate, or a distance above ``max_distance_m`` from the next gate ends an episode as a failure. It "
             "ends as a success after the last gate of the last of ``laps`` laps.",
         .view = "third_person",
         .overlay = "gate",
@@ -117,7 +117,7 @@ struct RaceConfig {
              .unit = "m",
              .limits = at_least(0)}),
         field("max_distance_m", &C::max_distance_m,
-              {.about = "Distance from the next gate beyond which an episode ends as a crash.", .unit = "m", .limits = above(0)}),
+              {.about = "Distance from the next gate beyond which an episode ends as a failure.", .unit = "m", .limits = above(0)}),
         field("observation_scale", &C::observation_scale,
               {.about = "Factor of observed offsets, velocities and angular velocities.", .limits = above_up_to(0, 1000)}),
         field("speed_cap_mps", &C::speed_cap_mps,

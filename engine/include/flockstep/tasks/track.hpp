@@ -62,10 +62,10 @@ struct TrackConfig {
                 {"yaw", "-``yaw_weight`` times the yaw error, rad"},
                 {"spin", "-``spin_weight`` times the magnitude of the angular velocity, in units of 10 rad/s"},
                 {"change", "-``change_weight`` times the mean squared difference from the last action, 0 at first"},
-                {"crash", "-``crash_weight`` if the episode ends as a crash"},
+                {"crash", "-``crash_weight`` if the episode ends as a failure"},
             },
         .end =
-            "A contact, or d > ``max_distance_m``, ends an episode as a crash. An episode without a crash is a success if the "
+            "A contact, or d > ``max_distance_m``, ends an episode as a failure. An episode without a failure is a success if the "
             "root mean square of d over all its steps is at most ``close_m``.",
         .view = "third_person",
         .overlay = "target",
@@ -108,7 +108,7 @@ struct TrackConfig {
         field("points", &C::points, {.about = "Number of points of the path that are observed.", .limits = between(1, 20)}),
         field("ahead_s", &C::ahead_s, {.about = "Time from one observed point to the next.", .unit = "s", .limits = at_least(0)}),
         field("max_distance_m", &C::max_distance_m,
-              {.about = "Distance from the path beyond which an episode ends as a crash.", .unit = "m", .limits = above(0)}),
+              {.about = "Distance from the path beyond which an episode ends as a failure.", .unit = "m", .limits = above(0)}),
         field("close_m", &C::close_m,
               {.about = "Maximum root mean square of d of a successful episode.", .unit = "m", .limits = above(0)}),
         field("near_weight", &C::near_weight, {.about = "Weight of the reward term exp(-2 d)."}),
