@@ -59,7 +59,7 @@ struct RaceConfig {
                 {"gate", "``gate_weight`` for each gate passed"},
                 {"rates", "-``rates_weight`` times the magnitude of the angular velocity, rad/s"},
                 {"change", "-``change_weight`` times the mean squared difference from the last action, 0 at first"},
-                {"crash", "-``crash_weight`` on a crash"},
+                {"crash", "-``crash_weight`` on a failure"},
             },
         .end =
             "A contact, a missed gate, or a distance above ``max_distance_m`` from the next gate ends an episode as a failure. It "
