@@ -5,7 +5,8 @@
 // 16-gons, as any program that passes triangles to Embree would do. It also runs on analytic user geometry, whose callback is
 // the engine's SIMD kernel.
 // Bare direct: bare_direct-inl.hpp, the minimal code that traces primitives without a tree.
-// Engine: Batch::sense, starting from the poses. All variants run in turns. Prints a JSON list of figures.
+// Engine: Batch::sense, starting from the poses, and the same with errors of ranges. All variants run in turns. Prints a JSON
+// list of figures.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "lidar.cpp"
 #include <hwy/foreach_target.h>
@@ -35,6 +36,7 @@
 #include "bench.hpp"
 #include "collision/sweep.hpp"
 #include "flockstep/batch.hpp"
+#include "flockstep/generators.hpp"
 #include "mesh_world.hpp"
 #include "trace/scene.hpp"
 #include "trace/user_geometry.hpp"
@@ -172,6 +174,41 @@ struct BareDirect {
   }
 };
 
+// Free positions of the drones of a batch, (N, 3) m.
+std::vector<float> places_of(int num_drones, const flockstep::Batch::Worlds& worlds) {
+  const auto n = static_cast<std::size_t>(num_drones);
+  std::vector<float> position(3 * n);
+  for (std::size_t w = 0; w < worlds.size(); ++w) {
+    const auto free = free_positions(*worlds[w], num_drones, static_cast<std::uint32_t>(w));
+    for (std::size_t i = w; i < n; i += worlds.size()) {
+      std::copy_n(free[i].data(), 3, position.begin() + static_cast<std::ptrdiff_t>(3 * i));
+    }
+  }
+  return position;
+}
+
+// Compares scans with every error to the same scans without.
+void bench_errors(const std::string& name, const flockstep::LidarConfig& lidar, int num_drones,
+                  const flockstep::Batch::Worlds& worlds, bench::Figures& figures) {
+  flockstep::BatchConfig config;
+  config.num_envs = num_drones;
+  config.num_threads = 1;
+  config.lidars = {lidar};
+  flockstep::Batch exact(config, worlds);
+  config.lidars[0].errors = {
+      .noise_std_m = 0.01F, .noise_per_m = 0.01F, .bias_m = 0.01F, .resolution_m = 0.001F, .min_range_m = 0.1F, .dropout = 0.01F};
+  flockstep::Batch erring(config, worlds);
+  std::vector<bench::Variant> variants;
+  for (flockstep::Batch* const batch : {&exact, &erring}) {
+    batch->set_pose(places_of(num_drones, worlds), {});
+    variants.push_back({batch == &exact ? "exact" : "erring", [batch] { batch->sense(); }});
+  }
+  const flockstep::FlushDenormals flush;
+  const bench::Times times = bench::interleave(variants, kRuns);
+  bench::print_rates(name + " with errors", variants, times, static_cast<double>(num_drones), "scans/s");
+  figures.add("lidar/" + name + "/relative_rate_with_errors", bench::ratios(times[0], times[1]), "1");
+}
+
 void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, int num_drones,
                 const flockstep::Batch::Worlds& worlds, bench::Figures& figures) {
   flockstep::BatchConfig config;
@@ -182,13 +219,7 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
   config.tracer = flockstep::TracerKind::embree;
   flockstep::Batch by_embree(config, worlds);
   const auto n = static_cast<std::size_t>(num_drones);
-  std::vector<float> position(3 * n);
-  for (std::size_t w = 0; w < worlds.size(); ++w) {
-    const auto free = free_positions(*worlds[w], num_drones, static_cast<std::uint32_t>(w));
-    for (std::size_t i = w; i < n; i += worlds.size()) {
-      std::copy_n(free[i].data(), 3, position.begin() + static_cast<std::ptrdiff_t>(3 * i));
-    }
-  }
+  const std::vector<float> position = places_of(num_drones, worlds);
   batch.set_pose(position, {});
   batch.sense();
   by_embree.set_pose(position, {});
@@ -313,6 +344,9 @@ int main(int argc, char** argv) {
     for (const auto& world : worlds) meshes.push_back(bench::triangles_of(*world, bench::chord_error(*world)));
     bench_case("mesh_fan35x1024", {}, 1024, meshes, figures);
     bench_case("mesh_grid16x360x256", grid, 256, meshes, figures);
+    bench_errors("fan35x1024", {}, 1024, worlds, figures);
+    bench_errors("grid16x360x256", grid, 256, worlds, figures);
+    bench_errors("office_fan35x1024", {}, 1024, {flockstep::office({})}, figures);
   }
   figures.print();
 }

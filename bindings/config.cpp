@@ -398,9 +398,10 @@ void add_batch_fields(const py::object& cls, const std::type_info& type, std::pt
 }
 
 void register_config(py::module_& module) {
-  register_fields<LidarConfig>(module, "LidarConfig").def_property_readonly("shape", [](const LidarConfig& c) {
-    return py::make_tuple(c.rows(), c.columns());
-  });
+  register_fields<RangeErrors>(module, "RangeErrors");
+  register_fields<LidarConfig>(module, "LidarConfig")
+      .def_property_readonly("shape", [](const LidarConfig& c) { return py::make_tuple(c.rows(), c.columns()); })
+      .def_static("preset", &LidarConfig::preset, py::arg("product"));
   register_fields<CameraConfig>(module, "CameraConfig")
       .def_property_readonly("fx", [](const CameraConfig& camera) { return camera.fx(); })
       .def_property_readonly("fy", [](const CameraConfig& camera) { return camera.fy(); })
@@ -408,10 +409,9 @@ void register_config(py::module_& module) {
       .def_property_readonly("cy", [](const CameraConfig& c) { return 0.5 * c.height_px; })
       .def_property_readonly("image_size_px",
                              [](const CameraConfig& c) { return py::make_tuple(c.image_width_px(), c.image_height_px()); });
-  register_fields<ColorRange>(
-      module, "ColorRange",
-      "A range of colours: a pixel matches if each channel is in [low, high]. The default matches the green of "
-      "the goal.");
+  register_fields<ColorRange>(module, "ColorRange",
+                              "A range of colours: a pixel matches if each channel is in [low, high]. The default matches "
+                              "the green of the goal.");
   register_fields<PoseSensorConfig>(module, "PoseSensorConfig", "Exact pose, with optional Gaussian noise.");
   register_fields<ImuConfig>(
       module, "ImuConfig",

@@ -53,6 +53,12 @@ scene_generators: tuple[str, ...]
 # configurations
 
 @final
+class RangeErrors:
+    """How the ranges of a LiDAR err: {range_errors.hpp: They apply in ... readings}."""
+
+    # fields of RangeErrors
+
+@final
 class LidarConfig:
     """{lidar.hpp: A scanning LiDAR}: {lidar.hpp: a grid of ... beams}, or a beam pattern."""
 
@@ -60,6 +66,21 @@ class LidarConfig:
     @property
     def shape(self) -> tuple[int, int]:
         """Shape (channels, beams) of one scan."""
+
+    @staticmethod
+    def preset(product: str) -> LidarConfig:
+        """Return the LiDAR of a product, with its errors, named like it.
+
+        Parameters
+        ----------
+        product
+            Its name, such as ``"vlp-16"``.
+
+        Raises
+        ------
+        ValueError
+            There is none of this name. The message lists all.
+        """
 
 @final
 class CameraConfig:

@@ -313,7 +313,8 @@ class FLOCKSTEP_API Batch::Lidar {
   void directions(std::span<float> out) const;  // (N, channels, beams, 3) unit, body frame
   void directions(DroneIndex drone, std::span<float> out) const;  // one drone's, (channels, beams, 3)
   void points(std::span<float> out) const;                        // (N, channels, beams, 3) m, world frame, inf on a miss
-  // Scans from the current pose of one drone and returns its ranges, (channels, beams) m; the readings stay unchanged.
+  // Scans from the current pose of one drone and returns its ranges, (channels, beams) m, with the errors of its latest reading;
+  // the readings stay unchanged.
   void scan(DroneIndex drone, std::span<float> out) const;
   // From the next scan on. With beams or channels, the mask must select all drones; ranges are inf until that scan. A LiDAR that
   // was made without fans (BatchConfig::tracer) does not get any.

@@ -28,6 +28,12 @@ inline std::array<std::uint32_t, 4> philox4x32(std::array<std::uint32_t, 4> coun
   return counter;
 }
 
+// Input of Philox. The first number of the counter is the index of a draw.
+struct PhiloxInput {
+  std::array<std::uint32_t, 4> counter;
+  std::array<std::uint32_t, 2> key;
+};
+
 // Returns a uniform number in [0, 1) from the top 24 bits, so that every value is exact in float32.
 inline float uniform01(std::uint32_t bits) { return static_cast<float>(bits >> 8U) * 0x1p-24F; }
 
@@ -58,11 +64,16 @@ constexpr Stream stream_named(std::string_view name) {
 
 // `member` is the number of the drone in its env, below 2^20. It is mixed into the upper bits of the episode, which no episode
 // number reaches. The first drone has the same numbers as its env.
+inline PhiloxInput input_of_draw(std::uint64_t seed, std::int64_t episode, std::uint32_t stream, std::uint32_t index,
+                                 std::uint32_t member = 0) {
+  const auto e = static_cast<std::uint64_t>(episode);
+  return {{index, stream, static_cast<std::uint32_t>(e), static_cast<std::uint32_t>(e >> 32U) ^ (member << 12U)},
+          {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32U)}};
+}
 inline std::array<std::uint32_t, 4> draw(std::uint64_t seed, std::int64_t episode, std::uint32_t stream, std::uint32_t index,
                                          std::uint32_t member = 0) {
-  const auto e = static_cast<std::uint64_t>(episode);
-  return philox4x32({index, stream, static_cast<std::uint32_t>(e), static_cast<std::uint32_t>(e >> 32U) ^ (member << 12U)},
-                    {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32U)});
+  const PhiloxInput input = input_of_draw(seed, episode, stream, index, member);
+  return philox4x32(input.counter, input.key);
 }
 
 // Key of an env's or a drone's random numbers.
@@ -87,10 +98,15 @@ inline std::int64_t episode_of(const State& state, RandomKey key) {
 }
 
 // `number`, below 2^15, distinguishes instruments of one kind that share a stream.
+inline PhiloxInput input_of_draw(const State& state, RandomKey key, Stream stream, std::uint32_t index,
+                                 std::uint32_t number = 0) {
+  return input_of_draw(state.seed[key.env], episode_of(state, key), static_cast<std::uint32_t>(stream) ^ (number << 16U), index,
+                       key.member);
+}
 inline std::array<std::uint32_t, 4> draw(const State& state, RandomKey key, Stream stream, std::uint32_t index,
                                          std::uint32_t number = 0) {
-  return draw(state.seed[key.env], episode_of(state, key), static_cast<std::uint32_t>(stream) ^ (number << 16U), index,
-              key.member);
+  const PhiloxInput input = input_of_draw(state, key, stream, index, number);
+  return philox4x32(input.counter, input.key);
 }
 
 // Returns number `index` of a user stream, uniform in [0, 1).

@@ -176,6 +176,7 @@ void Batch::Lidar::scan(DroneIndex drone, std::span<float> out) const {
   checks::index(*batch_->sim_, drone);
   checks::size(out.size(), found.rays_per_drone(), "out");
   scan_now(*batch_->sim_, found, drone, out);
+  found.add_errors(drone, batch_->sim_->state, out);
 }
 
 void Batch::Lidar::points(std::span<float> out) const {

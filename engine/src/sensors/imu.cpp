@@ -171,9 +171,8 @@ void Imu::add_errors(std::span<const DroneIndex> drones, const State& state) {
   for (const DroneIndex drone : drones) {
     const RandomKey key = RandomKey::of(drone, drones_per_env_);
     const EnvIndex env = key.env;
-    const auto reading = static_cast<std::uint32_t>(period() == 0 ? state.sensed[env] : state.tick[env]);
     constexpr std::uint32_t kDraws = 6;  // draws per reading, two numbers each
-    const std::uint32_t index = kDraws * reading;
+    const std::uint32_t index = kDraws * reading_of(state, env);
     std::array<float, 2 * kDraws> n;
     for (std::uint32_t k = 0; k < kDraws; ++k) {
       const auto [first, second] = normal_pair(draw(state, key, kNoiseStream, index + k, number_));

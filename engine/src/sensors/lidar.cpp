@@ -1,15 +1,26 @@
 #include "sensors/lidar.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdint>
 #include <limits>
+#include <span>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include "base/check_fields.hpp"
+#include "base/excerpt.hpp"
+#include "base/nearest_name.hpp"
+#include "base/random.hpp"
 #include "base/require.hpp"
 #include "flockstep/sensors/lidar.hpp"
+#include "sensors/range_errors.hpp"
 
 namespace flockstep {
+
+void RangeErrors::validate() const { check_fields(*this, "lidar.errors."); }
 
 void LidarConfig::validate() const {
   check_fields(*this, "lidar.");
@@ -24,8 +35,64 @@ void LidarConfig::validate() const {
     require(hfov_deg == grid.hfov_deg, "lidar.hfov_deg", unset, hfov_deg);
     require(vfov_deg == grid.vfov_deg, "lidar.vfov_deg", unset, vfov_deg);
   }
+  require(errors.resolution_m <= max_range_m, "lidar.errors.resolution_m", "at most lidar.max_range_m", errors.resolution_m);
+  require(errors.min_range_m < max_range_m, "lidar.errors.min_range_m", "less than lidar.max_range_m", errors.min_range_m);
   const long long rays = static_cast<long long>(rows()) * columns();
   require(rays <= kMaxRays, "lidar.channels x lidar.beams", "at most 262144 rays", rays);
+}
+
+LidarConfig LidarConfig::preset(std::string_view product) {
+  // The Mid-360 scans a rosette. The grid of as many beams has its field of view, which is not centred.
+  constexpr int kChannels = 40, kBeams = 500;
+  LidarConfig mid360{.name = "mid-360", .max_range_m = 40.0F};
+  for (int i = 0; i < kChannels * kBeams; ++i) {
+    mid360.azimuth_deg.push_back(-180.0F + 360.0F * static_cast<float>(i % kBeams) / kBeams);
+    mid360.elevation_deg.push_back(-7.0F + 59.0F * static_cast<float>(i / kBeams) / (kChannels - 1));
+  }
+  mid360.errors = {.noise_std_m = 0.02F, .resolution_m = 0.001F, .min_range_m = 0.1F};
+  constexpr float kZones = 45.0F * 7 / 8;  // deg, between the centres of the outer ones of eight zones in 45 degrees
+  const std::array presets{
+      LidarConfig{
+          .name = "os0-128",
+          .channels = 128,
+          .beams = 512,
+          .hfov_deg = 360.0F,
+          .vfov_deg = 90.0F,
+          .max_range_m = 35.0F,
+          .errors =
+              {.noise_std_m = 0.0028F, .noise_per_m = 0.00086F, .resolution_m = 0.001F, .min_range_m = 0.2F, .dropout = 0.01F}},
+      LidarConfig{.name = "vlp-16",
+                  .channels = 16,
+                  .beams = 1800,
+                  .hfov_deg = 360.0F,
+                  .vfov_deg = 30.0F,
+                  .max_range_m = 100.0F,
+                  .errors = {.noise_std_m = 0.03F, .resolution_m = 0.002F, .min_range_m = 0.4F}},
+      mid360,
+      LidarConfig{.name = "tfmini",
+                  .beams = 1,
+                  .max_range_m = 12.0F,
+                  .errors = {.noise_std_m = 0.06F, .noise_per_m = 0.005F, .resolution_m = 0.005F, .min_range_m = 0.3F}},
+      LidarConfig{.name = "vl53l1x",
+                  .beams = 1,
+                  .max_range_m = 4.0F,
+                  .errors = {.noise_std_m = 0.02F, .resolution_m = 0.001F, .min_range_m = 0.04F}},
+      LidarConfig{.name = "vl53l5cx",
+                  .channels = 8,
+                  .beams = 8,
+                  .hfov_deg = kZones,
+                  .vfov_deg = kZones,
+                  .max_range_m = 4.0F,
+                  .errors = {.noise_std_m = 0.0053F, .resolution_m = 0.001F, .min_range_m = 0.02F, .dropout = 0.01F}},
+  };
+  std::vector<std::string_view> known;
+  std::string expected = "one of";
+  for (const LidarConfig& preset : presets) {
+    if (preset.name == product) return preset;
+    known.push_back(preset.name);
+    expected += (known.size() == 1 ? " " : ", ") + preset.name;
+  }
+  refuse("LidarConfig.preset", expected, quoted_excerpt(product) + did_you_mean(product, known));
 }
 
 }  // namespace flockstep
@@ -57,11 +124,13 @@ trace::TracePolicy policy_of(const LidarConfig& config, TracerKind tracer) {
 
 }  // namespace
 
+// Errors are added in place: nothing reads the exact ranges, so that they need no memory of their own.
 Lidar::Lidar(const LidarConfig& config, const SensorSetup& setup)
     : SensorOf("lidar", config.name, config, setup, {.num_drones = setup.num_drones, .num_rays = rays_of(config)}, false),
       config_(config),
       policy_(policy_of(config, setup.tracer)),
       rays_(rays_of(config)),
+      number_(setup.number),
       settings_(config, setup.num_drones, true, [policy = policy_](const LidarConfig& of) { return make_pattern(of, policy); }) {
   std::ranges::fill(readings_.published().max_range_m, config.max_range_m);
 }
@@ -155,6 +224,20 @@ void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surr
          readings_.truth().ranges.data() + drone * rays_, surroundings.tracer);
   }
   surroundings.tracer.finish();
+}
+
+void Lidar::add_errors(std::span<const DroneIndex> drones, const State& state) {
+  if (config_.errors == RangeErrors()) return;
+  float* const ranges = readings_.truth().ranges.data();
+  for (const DroneIndex drone : drones) add_errors(drone, state, {ranges + drone * rays_, rays_});
+}
+
+void Lidar::add_errors(DroneIndex drone, const State& state, std::span<float> ranges) const {
+  const RandomKey key = RandomKey::of(drone, drones_per_env_);
+  const auto draws = static_cast<std::uint32_t>((rays_ + 1) / 2);  // of a reading
+  const std::uint32_t first = draws * reading_of(state, key.env);
+  add_range_errors(config_.errors, settings_[drone].max_range_m,
+                   input_of_draw(state, key, stream_named("range errors"), first, number_), ranges);
 }
 
 void Lidar::scan(const trace::Scene& scene, const trace::Bodies& bodies, const trace::Bodies& drones, const Pose& pose,

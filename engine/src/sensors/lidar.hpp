@@ -45,6 +45,8 @@ class Lidar final : public SensorOf<LidarReadings> {
   // Scans from a pose with the drone's own setting.
   void scan(const trace::Scene& scene, const trace::Bodies& bodies, const trace::Bodies& drones, const Pose& pose,
             DroneIndex drone, float* ranges, trace::Tracer& tracer) const;
+  // Adds the errors of the drone's latest reading to its exact ranges.
+  void add_errors(DroneIndex drone, const State& state, std::span<float> ranges) const;
 
   void use_default_settings(DroneIndex drone) override { set_config(drone, config_); }
   void clear(DroneIndex drone) override;
@@ -58,12 +60,14 @@ class Lidar final : public SensorOf<LidarReadings> {
  private:
   // Consecutive drones in the same world share the ray packets that go through Embree.
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
+  void add_errors(std::span<const DroneIndex> drones, const State& state) override;
   void set_config(DroneIndex drone, const LidarConfig& config);
   Vec3 offset_of(DroneIndex drone) const { return Vec3::Map(settings_[drone].offset_m.data()); }
 
   LidarConfig config_;
   trace::TracePolicy policy_;
   std::size_t rays_;
+  std::uint32_t number_;  // number among the drone's LiDARs; each has its own errors
   DroneSettings<LidarConfig, BeamPattern> settings_;
   std::atomic<bool> has_scanned_{false};
 };

@@ -45,9 +45,7 @@ void PoseSensor::add_errors(std::span<const DroneIndex> drones, const State& sta
   for (const DroneIndex drone : drones) {
     Pose pose = load_pose(truth.position.data() + 3 * drone, truth.quat_wxyz.data() + 4 * drone);
     const RandomKey key = RandomKey::of(drone, drones_per_env_);
-    // With its own rate, the sensor may read several times between two readings of the env.
-    const auto reading = static_cast<std::uint32_t>(period() == 0 ? state.sensed[key.env] : state.tick[key.env]);
-    const std::uint32_t index = 2 * reading;
+    const std::uint32_t index = 2 * reading_of(state, key.env);
     const auto [px, py] = normal_pair(draw(state, key, Stream::position_noise, index));
     const auto [pz, unused] = normal_pair(draw(state, key, Stream::position_noise, index + 1));
     pose.position += config_.position_noise_std_m * Vec3(px, py, pz);

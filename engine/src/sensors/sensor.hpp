@@ -56,6 +56,11 @@ class Sensor {
 
   const std::string& name() const { return name_; }
   std::int64_t period() const { return period_; }  // ticks between two readings; 0 means one after every flown step
+  // Number of the reading that an env's sensors take now, for random numbers. With its own rate, a sensor may read several times
+  // between two readings of the env.
+  std::uint32_t reading_of(const State& state, EnvIndex env) const {
+    return static_cast<std::uint32_t>(period_ == 0 ? state.sensed[env] : state.tick[env]);
+  }
 
   // Prepares for a new episode of the drone, before its first reading.
   virtual void begin(DroneIndex drone, const State& state) {

@@ -42,7 +42,7 @@ def change_json(kind: type[Any], known: type[Any], fields: Mapping[str, Any]) ->
 
 def config_of(kind: type[_T]) -> Callable[[pb.Reply, Arrays], _T]:
     """Return a reader of a configuration in a reply."""
-    return lambda reply, arrays: kind(**json.loads(reply.config.config_json))
+    return lambda reply, arrays: _made(kind, json.loads(reply.config.config_json))
 
 
 def body_json(body: BodyConfig) -> str:
@@ -56,6 +56,13 @@ def body_configs(reply: pb.Reply, arrays: Arrays) -> list[list[BodyConfig | None
     """Return the configurations of bodies in a reply."""
     known = [*map(_body, reply.configs.config_json)]
     return [[None if number < 0 else known[number] for number in row] for row in arrays["config"]]
+
+
+def _made(kind: type[_T], fields: dict[str, Any]) -> _T:
+    """Return a configuration with these fields, of which some may be configurations."""
+    default = kind()
+    parts = {name: type(getattr(default, name)) for name, value in fields.items() if isinstance(value, dict)}
+    return kind(**fields | {name: _made(part, fields[name]) for name, part in parts.items()})
 
 
 def _plain(value: Any) -> Any:
@@ -73,4 +80,4 @@ def _body(text: str) -> BodyConfig:
     fields = json.loads(text)
     if (mesh := fields.get("mesh")) is not None:
         fields["mesh"] = World.from_glb(base64.b64decode(mesh.removeprefix(_GLB_URI)))
-    return BodyConfig(**{**fields, "motion": BodyMotion(**fields["motion"])})
+    return _made(BodyConfig, fields)

@@ -142,7 +142,7 @@ def test_invalid_batches(room, arguments, said):
         flockstep.Batch(**{"worlds": [room]} | arguments)
 
 
-LIMITS = re.compile(r"(?:0 or )?([\[(]|>=? )(-?[\d.]+)(?:, ([\d.]+)[)\]])?|within \+-([\d.e+]+)")
+LIMITS = re.compile(r"(?:0 or )?([\[(]|>=? )(-?[\d.e-]+)(?:, ([\d.]+)[)\]])?|within \+-([\d.e+]+)")
 NUMBER = re.compile(r"(Sequence\[)?(int|float)\]?(?: \| None)?")
 NUMBERS = [
     (config, field["name"], *number.groups(), field["values"])

@@ -9,12 +9,13 @@ from messages import refused
 from philox import named_stream, uniforms
 
 import flockstep
-from flockstep import CameraConfig, ImuConfig, LidarConfig, PoseSensorConfig
+from flockstep import CameraConfig, ImuConfig, LidarConfig, PoseSensorConfig, RangeErrors
 
 ROOM = world_of(name="room", room={"min": [0, 0, 0], "max": [8, 8, 4]}, markers={"start": [4, 4, 2]})
 TICKS = 10  # ticks of 2 ms in a step
 SEED = 3
 NOISE = {"position_noise_std_m": 0.1, "orientation_noise_std_deg": 2.0}
+ERRORS = RangeErrors(noise_std_m=0.1, dropout=0.2)
 NAMES = ("lidar.lidar", "pose_sensor.pose", "imu.imu", "camera.front")
 ALL = {"latency_s": 0.03, "jitter_s": 0.09, "loss": 0.3}
 
@@ -28,7 +29,7 @@ def make(late, rate_hz=None, *, image=None, **keywords):
         task=flockstep.HoverConfig(),
         worlds=ROOM,
         policy_hz=50,
-        lidar=LidarConfig(beams=5, hfov_deg=200, max_range_m=9, **late),
+        lidar=LidarConfig(beams=5, hfov_deg=200, max_range_m=9, errors=ERRORS, **late),
         imu=ImuConfig(gyroscope_noise_density=0.01, gyroscope_random_walk=0.01, **late),
         pose_sensor=PoseSensorConfig(**NOISE, **late),
         camera=CameraConfig(**image, **late),

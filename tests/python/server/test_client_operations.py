@@ -252,6 +252,15 @@ def test_lidar_settings(client, batch):
     assert client.drone(2).get_lidar_data().ranges.shape == (3, 4)
 
 
+def test_a_lidar_that_errs(room, connect):
+    errors = flockstep.RangeErrors(noise_std_m=0.5, dropout=0.2)
+    batch = placed([room], START, lidar=flockstep.LidarConfig(errors=errors))
+    batch.sense()
+    with served(batch, connect) as client:
+        assert client.drone(1).get_lidar_config() == batch.lidar().config
+        np.testing.assert_array_equal(client.drone(1).get_lidar_data().ranges, batch.lidar().ranges[1])
+
+
 def test_move_lines(client, batch):
     drone = client.drone(2)
     assert drone.get_move_line_visible() is False

@@ -4,10 +4,12 @@
 #include <array>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
+#include "flockstep/sensors/range_errors.hpp"
 #include "flockstep/sensors/sensor_fields.hpp"
 
 namespace flockstep {
@@ -24,6 +26,7 @@ struct LidarConfig {
   std::array<float, 4> quat_wxyz{1, 0, 0, 0};
   std::vector<float> azimuth_deg;
   std::vector<float> elevation_deg;
+  RangeErrors errors;
   std::optional<float> rate_hz;
   float latency_s = 0.0F;
   float jitter_s = 0.0F;
@@ -55,9 +58,14 @@ struct LidarConfig {
                .limits = within(360)}),
         field("elevation_deg", &C::elevation_deg,
               {.about = "Elevations of the pattern, one for each azimuth.", .unit = "deg", .limits = within(90)}),
-        field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency),
-        field("jitter_s", &C::jitter_s, kSensorJitter), field("loss", &C::loss, kSensorLoss));
+        field("errors", &C::errors, {.about = "How ranges err."}), field("rate_hz", &C::rate_hz, kSensorRate),
+        field("latency_s", &C::latency_s, kSensorLatency), field("jitter_s", &C::jitter_s, kSensorJitter),
+        field("loss", &C::loss, kSensorLoss));
   }
+
+  // Returns the LiDAR of a product, such as "vlp-16", with its errors; docs/reference/sensors.md lists the products. Throws
+  // std::invalid_argument that lists the names.
+  FLOCKSTEP_API static LidarConfig preset(std::string_view product);
 
   FLOCKSTEP_API void validate() const;
   bool has_pattern() const { return !azimuth_deg.empty() || !elevation_deg.empty(); }  // true if beams are given one by one

@@ -1,0 +1,41 @@
+// RangeErrors: how the ranges of a LiDAR differ from the true ones.
+#pragma once
+
+#include "flockstep/export.hpp"
+#include "flockstep/fields.hpp"
+
+namespace flockstep {
+
+// Errors of ranges. They apply in the order of the fields to each beam that hits, independently of other beams and readings.
+struct RangeErrors {
+  float noise_std_m = 0.0F;
+  float noise_per_m = 0.0F;
+  float bias_m = 0.0F;
+  float resolution_m = 0.0F;
+  float min_range_m = 0.0F;
+  float dropout = 0.0F;
+
+  static constexpr auto fields() {
+    using C = RangeErrors;
+    return field_list(
+        field("noise_std_m", &C::noise_std_m,
+              {.about = "Standard deviation of Gaussian noise at range 0.", .unit = "m", .limits = between(0, 1000)}),
+        field("noise_per_m", &C::noise_per_m,
+              {.about = "Growth of the standard deviation with the range, in metres per metre.", .limits = between(0, 1)}),
+        field("bias_m", &C::bias_m, {.about = "Constant error. A range below 0 reads 0.", .unit = "m", .limits = within(1000)}),
+        field("resolution_m", &C::resolution_m,
+              {.about = "Ranges are rounded to multiples of it, at most ``max_range_m``. 0: not rounded.",
+               .unit = "m",
+               .limits = zero_or_between(1e-6, 1000)}),
+        field("min_range_m", &C::min_range_m,
+              {.about = "Minimum range, less than ``max_range_m``. A nearer reading is a miss.",
+               .unit = "m",
+               .limits = at_least(0)}),
+        field("dropout", &C::dropout, {.about = "Probability that a beam that hits reads as a miss.", .limits = between(0, 1)}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+  bool operator==(const RangeErrors&) const = default;
+};
+
+}  // namespace flockstep
