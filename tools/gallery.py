@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import imageio.v3 as imageio
 import matplotlib
@@ -35,6 +35,11 @@ STRIP_PX = (320, 200)
 #: Scene of the pictures in several lights.
 LIT = "outdoor/city"
 LIGHTS = 4
+#: Scene and view of the picture with and without soft light.
+SOFTENED = "indoor/office"
+IN_THE_SUN: View
+SOFT = {"sun_size_deg": 3.0, "ambient_occlusion_rays": 16}
+HALF_PX = (640, 480)
 HFOV_DEG = 80.0
 #: A spinning LiDAR, which scans every SCAN_EVERY_M metres of the path.
 LIDAR = flockstep.LidarConfig(channels=32, beams=720, hfov_deg=360.0, vfov_deg=60.0, max_range_m=25.0)
@@ -82,11 +87,12 @@ def above(world: flockstep.World) -> View:
     return place.astype(np.float32), middle
 
 
-def picture(world: flockstep.World, position: Points, look_at: Points, size_px: tuple[int, int] = SIZE_PX) -> Image:
-    """Return a camera image from there, with shadows of the sun."""
-    camera = flockstep.CameraConfig(
-        width_px=size_px[0], height_px=size_px[1], hfov_deg=HFOV_DEG, samples_per_pixel=4, shadows=True, far_m=2000.0
-    )
+def picture(
+    world: flockstep.World, position: Points, look_at: Points, size_px: tuple[int, int] = SIZE_PX, **fields: Any
+) -> Image:
+    """Return a camera image from there, with shadows of the sun. fields: of the camera, instead of the usual ones."""
+    usual: dict[str, Any] = {"hfov_deg": HFOV_DEG, "samples_per_pixel": 4, "shadows": True, "far_m": 2000.0}
+    camera = flockstep.CameraConfig(width_px=size_px[0], height_px=size_px[1], **usual | fields)
     seen: Image = flockstep.render(world, position, look_at=look_at, camera=camera)["rgb"]
     return seen
 
@@ -172,6 +178,10 @@ def main(args: Args) -> None:
         view = along(world, way_through(world), 0.0, 0.65)
         lights = [picture(look, *view, STRIP_PX) for look in flockstep.relight(world, LIGHTS, seed=3)]
         imageio.imwrite(args.out / "lights.jpg", np.concatenate(lights, axis=1), quality=85)
+    if SOFTENED in args.scenes:
+        world = flockstep.World.load(SOFTENED)
+        halves = [picture(world, *IN_THE_SUN, HALF_PX, samples_per_pixel=16, **fields) for fields in ({}, SOFT)]
+        imageio.imwrite(args.out / "soft-light.jpg", np.concatenate(halves, axis=1), quality=85)
     print(f"the gallery is in {args.out}/")
 
 
