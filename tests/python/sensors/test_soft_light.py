@@ -63,7 +63,7 @@ def room(kind: str) -> flockstep.Batch:
     else:
         parts["planes"] = [{"center": [0, 0, -5], "size": [1, 1]}]
     camera = flockstep.CameraConfig(
-        width_px=64, height_px=48, outputs=["rgb", "depth", "normal"], ambient_occlusion_rays=16, hfov_deg=100
+        width_px=40, height_px=30, outputs=["rgb", "depth", "normal"], ambient_occlusion_rays=16, hfov_deg=100
     )
     place = np.array([-1.2, -0.9, 1.8])
     batch = placed([world_of(**parts)], place, [facing(place, [0.6, 0.5, 0])], cameras=[camera], max_bodies=6)
@@ -94,7 +94,7 @@ def unhidden(points: Floats, normals: Floats, number: int = 4096) -> Floats:
 def test_corners_of_a_room_are_darker_by_the_integral_of_the_cosine(kind: str) -> None:
     batch = room(kind)
     camera = batch.camera()
-    rows, columns = (axis.ravel() for axis in np.mgrid[:48, :64])
+    rows, columns = (axis.ravel() for axis in np.mgrid[:30, :40])
     origin, directions = rays(batch, 0, rows, columns)
     points = origin + directions * camera.depth[0].reshape(-1, 1)
     normals = camera.normal[0].reshape(-1, 3).astype(float)
@@ -102,7 +102,9 @@ def test_corners_of_a_room_are_darker_by_the_integral_of_the_cosine(kind: str) -
     expected, seen = unhidden(points, normals), camera.rgb[0, ..., 0].ravel() / 255
     assert expected.min() < 0.4 and expected.max() == 1  # from a corner to the middle
     error = seen - expected
-    assert abs(error.mean()) < 0.004  # 3,072 pixels of 16 rays: 0.5 / sqrt(49,152) = 0.0023 at most for random rays
+    assert (
+        abs(error.mean()) < 0.006
+    )  # the integral's own error is up to 0.5 / sqrt(4,096) = 0.008, the same in each wall
     assert np.sqrt((error**2).mean()) < 0.1  # of single pixels; 0.125 at most for random rays
     middle, corner = seen[expected == 1], seen[expected < 0.5]
     assert (middle > 0.99).all() and corner.mean() < 0.5
@@ -207,6 +209,7 @@ def test_adaptive_samples_are_those_of_all_pixels() -> None:
 
 @pytest.mark.parametrize("field", ["sun_size_deg", "ambient_occlusion_rays"])
 def test_gl_refuses(field: str) -> None:
-    camera = flockstep.CameraConfig(shadows=True, **{field: 2})
+    fields: dict[str, Any] = {field: 2}
+    camera = flockstep.CameraConfig(shadows=True, **fields)
     with refused(ValueError, field, "gl"):
         flockstep.Batch([flockstep.World.from_dict(ROUND)], cameras=[camera], camera_backend="gl")
