@@ -1,4 +1,4 @@
-"""The pictures of docs/images/gallery: bundled places in three views with a LiDAR point cloud, and two strips of views.
+"""The pictures of docs/images/gallery: bundled places in three views with a LiDAR point cloud, and strips of views.
 
 .venv/bin/python -m tools.gallery --out docs/images/gallery
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import imageio.v3 as imageio
 import matplotlib
@@ -35,6 +35,10 @@ STRIP_PX = (320, 200)
 #: Scene of the pictures in several lights.
 LIT = "outdoor/city"
 LIGHTS = 4
+#: Scene of the picture with and without soft light, which shows its LOUNGE.
+SOFTENED = "indoor/office"
+SOFT = {"sun_size_deg": 3.0, "ambient_occlusion_rays": 16}
+HALF_PX = (560, 420)
 HFOV_DEG = 80.0
 #: A spinning LiDAR, which scans every SCAN_EVERY_M metres of the path.
 LIDAR = flockstep.LidarConfig(channels=32, beams=720, hfov_deg=360.0, vfov_deg=60.0, max_range_m=25.0)
@@ -44,6 +48,7 @@ EYES_M = 6.0  # maximum height above the surface below; higher views are used on
 Image = npt.NDArray[np.uint8]
 Points = npt.NDArray[np.float32]
 View: TypeAlias = tuple[Points, Points]  # viewer and target, m
+LOUNGE: View = np.array([15, 7, 2.2], np.float32), np.array([18.9, 11.5, 1.0], np.float32)
 
 
 def way_through(world: flockstep.World, step_m: float = 0.1) -> Points:
@@ -82,11 +87,12 @@ def above(world: flockstep.World) -> View:
     return place.astype(np.float32), middle
 
 
-def picture(world: flockstep.World, position: Points, look_at: Points, size_px: tuple[int, int] = SIZE_PX) -> Image:
-    """Return a camera image from there, with shadows of the sun."""
-    camera = flockstep.CameraConfig(
-        width_px=size_px[0], height_px=size_px[1], hfov_deg=HFOV_DEG, samples_per_pixel=4, shadows=True, far_m=2000.0
-    )
+def picture(
+    world: flockstep.World, position: Points, look_at: Points, size_px: tuple[int, int] = SIZE_PX, **fields: Any
+) -> Image:
+    """Return a camera image from there, with shadows of the sun. fields: of the camera, instead of the usual ones."""
+    usual: dict[str, Any] = {"hfov_deg": HFOV_DEG, "samples_per_pixel": 4, "shadows": True, "far_m": 2000.0}
+    camera = flockstep.CameraConfig(width_px=size_px[0], height_px=size_px[1], **usual | fields)
     seen: Image = flockstep.render(world, position, look_at=look_at, camera=camera)["rgb"]
     return seen
 
@@ -147,7 +153,7 @@ def sheet(world: flockstep.World, indoor: bool) -> Image:
 
 @dataclass
 class Args:
-    """Draw the gallery: a sheet of each scene, a strip of some scenes, and a strip of a city in several lights."""
+    """Draw the gallery: a sheet of each scene, and strips: some scenes, a city in several lights, soft light."""
 
     out: Path = Path("out/gallery")
     """Folder for the pictures."""
@@ -172,6 +178,10 @@ def main(args: Args) -> None:
         view = along(world, way_through(world), 0.0, 0.65)
         lights = [picture(look, *view, STRIP_PX) for look in flockstep.relight(world, LIGHTS, seed=3)]
         imageio.imwrite(args.out / "lights.jpg", np.concatenate(lights, axis=1), quality=85)
+    if SOFTENED in args.scenes:
+        world = flockstep.World.load(SOFTENED)
+        halves = [picture(world, *LOUNGE, HALF_PX, samples_per_pixel=16, **fields) for fields in ({}, SOFT)]
+        imageio.imwrite(args.out / "soft-light.jpg", np.concatenate(halves, axis=1), quality=85)
     print(f"the gallery is in {args.out}/")
 
 

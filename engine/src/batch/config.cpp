@@ -136,7 +136,12 @@ void BatchConfig::validate() const {
     require(rays <= (1LL << 31), "num_drones x lidar rays", "at most 2147483648 rays", rays);
   }
   for (const CameraConfig& camera : cameras) {
-    require(!camera.shadows || camera_backend != CameraBackend::gl, "shadows", "False with camera_backend=\"gl\"", "True");
+    if (camera_backend == CameraBackend::gl) {
+      require(camera.sun_size_deg == 0.0F, "sun_size_deg", "0 with camera_backend=\"gl\"", camera.sun_size_deg);
+      require(camera.ambient_occlusion_rays == 0, "ambient_occlusion_rays", "0 with camera_backend=\"gl\"",
+              camera.ambient_occlusion_rays);
+      require(!camera.shadows, "shadows", "False with camera_backend=\"gl\"", "True");
+    }
     const long long pixels = static_cast<long long>(num_drones()) * camera.width_px * camera.height_px;
     require(pixels <= (1LL << 32), "num_drones x camera pixels", "at most 4294967296 pixels", pixels);
   }

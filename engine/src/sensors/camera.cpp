@@ -39,6 +39,7 @@ void CameraConfig::validate() const {
             hfov_deg ? *hfov_deg : vfov_deg.value_or(90.0F));
   }
   require(far_m > near_m, "camera.far_m", "a number > near_m (" + std::to_string(near_m) + ")", far_m);
+  require(shadows || sun_size_deg == 0.0F, "camera.sun_size_deg", "0 without shadows", sun_size_deg);
   bool any = false;
   for_each_field(outputs, [&](const auto&, bool chosen) { any = any || chosen; });
   require(any, "camera.outputs", "at least one of rgb, depth, semantic, instance, normal, grey, hsv", "none");

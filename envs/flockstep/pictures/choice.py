@@ -12,7 +12,7 @@ import numpy.typing as npt
 from flockstep.errors import did_you_mean
 
 NAMES = ("top", "camera", "third_person", "fleet")
-STYLES = ("bright", "dark")
+STYLES = ("bright", "dark", "soft")
 SAMPLES = (1, 4, 9, 16)
 _MAX_PX = 8192
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isqrt
@@ -77,6 +77,8 @@ class Stage:
         The markers of the world to show.
     hfov_deg
         Horizontal field of view.
+    light
+        Fields of the `CameraConfig` of pictures with shadows.
     """
 
     def __init__(
@@ -87,12 +89,14 @@ class Stage:
         samples: int = 1,
         markers: Sequence[str] = MARKERS,
         hfov_deg: float = 75.0,
+        light: Mapping[str, Any] = {},
     ) -> None:
         world = without_bodies(world)  # pictures show those of the env
         self._length = length
         self._size_px = size_px
         self._samples = samples
         self._hfov_deg = hfov_deg
+        self._light = light
         places = {
             "start": [] if world.start is None else [world.start],
             "waypoints": list(world.waypoints),
@@ -232,6 +236,7 @@ class Stage:
             samples_per_pixel=1 if fast else self._samples,
             adaptive_samples=True,
             shadows=not fast,
+            **({} if fast else self._light),
         )
 
     def _canvas(self, picture: Camera, viewer: Floats, turn: Floats, bodies: Sequence[BodyConfig]) -> DepthCanvas:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +32,8 @@ class Style:
     drone: Mapping[str, tuple[float, float, float]]
     """Of a quadrotor's parts, linear RGB."""
     is_dark: bool = False
+    camera: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of the `CameraConfig` of images with samples and shadows."""
 
     def applied_to(self, world: World) -> World:
         """Return the world in the light and the colours of the style."""
@@ -47,8 +50,9 @@ class Style:
         return world.with_light(tint=np.array(tints, np.float32), **DARK_LIGHT)
 
 
+_BRIGHT = Style((35, 90, 210), (250, 130, 70), (200, 50, 20), (130, 40, 170), (0.6,), COLORS)
 _LOOKS = (
-    Style((35, 90, 210), (250, 130, 70), (200, 50, 20), (130, 40, 170), (0.6,), COLORS),
+    _BRIGHT,
     Style(
         (70, 190, 255),
         (255, 120, 50),
@@ -58,5 +62,6 @@ _LOOKS = (
         {"middle": (0.5, 0.52, 0.55), "arm": (0.22, 0.23, 0.25), "rear": (0.5, 0.55, 0.62)},
         is_dark=True,
     ),
+    replace(_BRIGHT, camera={"sun_size_deg": 2.0, "ambient_occlusion_rays": 8}),
 )
 STYLES = dict(zip(choice.STYLES, _LOOKS, strict=True))

@@ -104,7 +104,9 @@ class ThirdPersonView:
             if len(self._stages) >= _WORLDS:
                 self._stages.clear()
             styled = self._style.applied_to(world)
-            self._stages[world] = Stage(styled, self._length, self._size_px, self._samples, self._markers)
+            self._stages[world] = Stage(
+                styled, self._length, self._size_px, self._samples, self._markers, light=self._style.camera
+            )
         if self._stage is not (stage := self._stages[world]):
             if self._stage is not None:
                 self._stage.forget()

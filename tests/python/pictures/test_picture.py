@@ -123,6 +123,13 @@ def test_the_dark_style_is_dark_with_bright_drones(room):
     assert (edges[0] & edges[1]).sum() > 0.3 * edges[1].sum()
 
 
+def test_the_soft_style_darkens_corners(room):
+    bright, soft = (shown(room, render_style=style).astype(int) for style in ("bright", "soft"))
+    darker = bright.max(axis=-1) - soft.max(axis=-1)
+    assert (darker > 40).mean() > 0.01  # along the edges of the room
+    assert (np.abs(darker) < 3).mean() > 0.2  # in the middle of its walls
+
+
 @pytest.mark.parametrize("samples", [4, 16])
 @pytest.mark.parametrize(
     ("world", "viewer", "target"),

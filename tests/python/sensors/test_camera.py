@@ -222,6 +222,12 @@ class TestConfig:
             ({"depth_kind": "deep"}, ["depth_kind", "deep"]),
             ({"capture_mode": "never"}, ["capture_mode", "never"]),
             ({"samples_per_pixel": 3}, ["camera.samples_per_pixel", 3]),
+            ({"ambient_occlusion_rays": -1}, ["camera.ambient_occlusion_rays", -1]),
+            ({"ambient_occlusion_rays": 17}, ["camera.ambient_occlusion_rays", 17]),
+            ({"shadows": True, "sun_size_deg": -1}, ["camera.sun_size_deg", -1]),
+            ({"shadows": True, "sun_size_deg": 21}, ["camera.sun_size_deg", 21]),
+            ({"shadows": True, "sun_size_deg": float("nan")}, ["camera.sun_size_deg", "nan"]),
+            ({"sun_size_deg": 2}, ["camera.sun_size_deg", "shadows", 2]),
         ],
     )
     def test_bad_fields(self, flat, fields, said):

@@ -86,6 +86,8 @@ struct CameraConfig {
   CaptureMode capture_mode = CaptureMode::every_step;
   int samples_per_pixel = 1;
   bool shadows = false;
+  float sun_size_deg = 0.0F;
+  int ambient_occlusion_rays = 0;
   bool adaptive_samples = false;
   std::optional<float> rate_hz;
   float latency_s = 0.0F;
@@ -134,7 +136,17 @@ struct CameraConfig {
               {.about = "Take all samples only where colours differ by more than 8 of 255 among 3 x 3 pixels, one elsewhere: "
                         "nearly equal images in less time. ``\"gl\"`` takes all."}),
         field("shadows", &C::shadows,
-              {.about = "Hard shadows of the sun, cast by everything except markers and a room's walls and ceiling."}),
+              {.about = "Shadows of the sun, cast by everything except markers and a room's walls and ceiling."}),
+        field(
+            "sun_size_deg", &C::sun_size_deg,
+            {.about = "Angle across the sun, which blurs the edges of shadows: each sample sees one point of the sun's disc. 0: "
+                      "hard shadows. The real sun's is 0.53. Only with ``shadows``.",
+             .unit = "deg",
+             .limits = between(0.0, 20.0)}),
+        field("ambient_occlusion_rays", &C::ambient_occlusion_rays,
+              {.about = "Rays per sample that find what hides the sky and the ground: their light is multiplied by the share of "
+                        "rays that hit nothing within 1.5 m, which darkens corners. 0: no darkening. Only by ``\"raycast\"``.",
+               .limits = between(0, 16)}),
         field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency),
         field("jitter_s", &C::jitter_s, kSensorJitter), field("loss", &C::loss, kSensorLoss),
         field("resize", &C::resize,
@@ -147,6 +159,7 @@ struct CameraConfig {
                         "if all do."}));
   }
 
+  bool has_soft_light() const { return ambient_occlusion_rays > 0 || sun_size_deg > 0.0F; }
   FLOCKSTEP_API void validate() const;
   FLOCKSTEP_API float fx() const;  // px
   FLOCKSTEP_API float fy() const;  // px

@@ -48,10 +48,10 @@ bool is_behind(const Aabb& room, const Vec3& point, const Vec3& sun) {
 using RayArray = Eigen::Array<float, Eigen::Dynamic, 1, Eigen::ColMajor, static_cast<Eigen::Index>(trace::kMaxRays)>;
 using RayView = Eigen::Map<Eigen::ArrayXf>;
 
-// Finds the hits that lie in shadow: traces a ray from each hit towards the sun.
-void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, RaycastScratch& scratch) {
-  trace::RayBlock& block = scratch.tracer.block();
-  const Vec3 sun = to_sun(request);
+// Fills the tracer's block with rays of this range from the hits of a tile, and moves their origins away from the surface: back
+// along the ray and by `away`, directions of length 1. Returns the box around the origins, whose min exceeds its max without
+// hits.
+Aabb start_at_hits(const trace::RayBundle& rays, const RayArray (&away)[3], float range, trace::RayBlock& block) {
   constexpr float kFar = std::numeric_limits<float>::max();
   const auto count = static_cast<Eigen::Index>(rays.count);
   const auto view = [count](const float* values) { return Eigen::Map<const Eigen::ArrayXf>(values, count); };
@@ -71,49 +71,119 @@ void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, Ra
   }
   RayArray length = directions[0].square() + (directions[1].square() + directions[2].square());
   for (float& value : length) value = std::sqrt(value);  // exactly, unlike Eigen's
-  // Moves away from the surface: back along the ray, and towards the sun.
   const RayArray lift = kLift * (1.0F + farthest);
-  float* const towards[3] = {block.dir_x, block.dir_y, block.dir_z};
   const RayArray missed = hit.select(RayArray::Zero(count), kFar);  // moves other rays out of the box around all hits
   Aabb hits;
   for (Eigen::Index axis = 0; axis < 3; ++axis) {
     RayView origin(origins[axis], count);
-    origin += lift * (sun[axis] - directions[axis] / length);
-    RayView(towards[axis], count) = sun[axis];
+    origin += lift * (away[axis] - directions[axis] / length);
     hits.min[axis] = (origin + missed).minCoeff();
     hits.max[axis] = (origin - missed).maxCoeff();
   }
-  RayView(block.range, count) = kFar - missed;
+  RayView(block.range, count) = hit.select(RayArray::Constant(count, range), 0.0F);
+  return hits;
+}
+
+// Finds the hits that lie in shadow: traces a ray from each hit towards the sun.
+void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, RaycastScratch& scratch) {
+  trace::RayBlock& block = scratch.tracer.block();
+  const Vec3 sun = to_sun(request);
+  const auto count = static_cast<Eigen::Index>(rays.count);
+  RayArray towards[3];
+  float* const directions[3] = {block.dir_x, block.dir_y, block.dir_z};
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    towards[axis] = RayArray::Constant(count, sun[axis]);
+    RayView(directions[axis], count) = towards[axis];
+  }
+  const Aabb hits = start_at_hits(rays, towards, std::numeric_limits<float>::max(), block);
   if (hits.min.x() > hits.max.x()) {
     std::fill_n(scratch.shaded, rays.count, std::uint8_t{0});
     return;
   }
-  scratch.tracer.trace_shadows(*request.scene, !scratch.casters.lists_primitives(), scratch.casters.above(hits),
-                               scratch.casters.meshes_above(hits));
+  const float radius = std::tan(request.camera->sun_size_deg * (std::numbers::pi_v<float> / 360.0F));
+  if (radius > 0.0F) scratch.soft.aim_at_disc(radius, block);
+  const Casters::Beam beam{sun, radius};
+  scratch.tracer.trace_shadows(*request.scene, !scratch.casters.lists_primitives(), scratch.casters.above(hits, beam),
+                               scratch.casters.meshes_above(hits, beam));
   for (std::size_t i = 0; i < rays.count; ++i) scratch.shaded[i] = std::isfinite(block.t_hit[i]);
   const std::optional<Aabb>& room = request.shading->room();
   const bool outside = room && !((room->min.array() <= hits.min.array()).all() && (hits.max.array() <= room->max.array()).all());
   for (std::size_t i = 0; outside && i < rays.count; ++i) {
     const Vec3 point(block.org_x[i], block.org_y[i], block.org_z[i]);
-    if (rays.element[i] >= 0 && is_behind(*room, point, sun)) scratch.shaded[i] = 1;
+    const Vec3 towards_sun(block.dir_x[i], block.dir_y[i], block.dir_z[i]);
+    if (rays.element[i] >= 0 && is_behind(*room, point, towards_sun)) scratch.shaded[i] = 1;
   }
 }
 
-// Traces and shades the rays of a tile.
+// Finds the share of the ambient light that reaches each hit: traces short rays into the half space in front of the surface.
+void find_ambient(const RenderRequest& request, const trace::RayBundle& rays, RaycastScratch& scratch) {
+  trace::RayBlock& block = scratch.tracer.block();
+  const CameraOutputs normals{.rgb = false, .normal = true};
+  request.shading->shade(rays, scratch.tracer.details(), {}, nullptr, 1.0F, normals, DepthKind::planar, scratch.bodies,
+                         scratch.facing);
+  const float* const facing[3] = {scratch.facing.nx, scratch.facing.ny, scratch.facing.nz};
+  RayArray away[3];
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    away[axis] = Eigen::Map<const Eigen::ArrayXf>(facing[axis], static_cast<Eigen::Index>(rays.count));
+  }
+  Aabb hits = start_at_hits(rays, away, SoftLight::kReach, block);
+  std::fill_n(scratch.soft.ambient, rays.count, 1.0F);
+  if (hits.min.x() > hits.max.x()) return;
+  hits.min.array() -= SoftLight::kReach;
+  hits.max.array() += SoftLight::kReach;
+  const auto shapes = scratch.casters.above(hits, {});
+  const auto meshes = scratch.casters.meshes_above(hits, {});
+  const int number = request.camera->ambient_occlusion_rays;
+  for (int k = 0; k < number; ++k) {
+    scratch.soft.aim_at_sky(facing[0], facing[1], facing[2], k, block);
+    scratch.tracer.trace_shadows(*request.scene, !scratch.casters.lists_primitives(), shapes, meshes);
+    for (std::size_t i = 0; i < rays.count; ++i) {
+      if (std::isfinite(block.t_hit[i])) scratch.soft.ambient[i] -= 1.0F / static_cast<float>(number);
+    }
+  }
+}
+
+// Finds the shares of the light that the hits of a tile receive. shadows: find_shadows() has been called.
+void find_soft_light(const RenderRequest& request, const trace::RayBundle& rays, bool shadows, RaycastScratch& scratch) {
+  for (std::size_t i = 0; i < rays.count; ++i) scratch.soft.sun[i] = shadows && scratch.shaded[i] != 0 ? 0.0F : 1.0F;
+  if (request.camera->ambient_occlusion_rays > 0) {
+    find_ambient(request, rays, scratch);
+  } else {
+    std::fill_n(scratch.soft.ambient, rays.count, 1.0F);
+  }
+}
+
+bool has_soft_light(const RenderRequest& request, const CameraOutputs& wanted) {
+  return request.camera->has_soft_light() && wanted.any_color();
+}
+
+// Traces and shades the rays of a tile. With soft light, they have their random numbers.
 void shoot(const RenderRequest& request, const trace::RayTile& tile, const CameraOutputs& wanted, RaycastScratch& scratch) {
   const trace::RayBundle& rays = scratch.tracer.trace(tile);
   const bool shadows = request.camera->shadows && wanted.any_color();
+  const bool soft = has_soft_light(request, wanted);
   if (shadows) find_shadows(request, rays, scratch);
-  const auto shaded = shadows ? std::span<const std::uint8_t>(scratch.shaded) : std::span<const std::uint8_t>();
+  if (soft) find_soft_light(request, rays, shadows, scratch);
+  const auto shaded = shadows && !soft ? std::span<const std::uint8_t>(scratch.shaded) : std::span<const std::uint8_t>();
   const PinholeCamera& pinhole = *request.pinhole;
   const auto samples = static_cast<float>(std::max(pinhole.grids.size() - 1, std::size_t{1}));
-  request.shading->shade(rays, scratch.tracer.details(), shaded, 1.0F / (pinhole.fx * pinhole.fy * samples), wanted,
-                         request.camera->depth_kind, scratch.bodies, scratch.pixels);
+  request.shading->shade(rays, scratch.tracer.details(), shaded, soft ? &scratch.soft : nullptr,
+                         1.0F / (pinhole.fx * pinhole.fy * samples), wanted, request.camera->depth_kind, scratch.bodies,
+                         scratch.pixels);
+}
+
+// Sets the random numbers of the ray through a pixel of a tile.
+void seed(const RenderRequest& request, const PinholeCamera::Grid& grid, const PixelTile& tile, std::size_t pixel,
+          std::size_t ray, RaycastScratch& scratch) {
+  scratch.soft.seed(ray, tile.column + pixel % PixelTile::kSide, tile.row + pixel / PixelTile::kSide,
+                    static_cast<std::size_t>(&grid - request.pinhole->grids.data()), request.camera->ambient_occlusion_rays);
 }
 
 // Traces and shades one sample of each pixel of the tile.
 void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const PixelTile& tile, const CameraOutputs& wanted,
             RaycastScratch& scratch) {
+  const std::size_t pixels = has_soft_light(request, wanted) ? tile.height * PixelTile::kSide : 0;
+  for (std::size_t i = 0; i < pixels; ++i) seed(request, grid, tile, i, i, scratch);
   shoot(request,
         {.x = scratch.ones,
          .y = grid.left.data() + tile.column * PixelTile::kSide,
@@ -218,6 +288,7 @@ void refine(const RenderRequest& request, const PixelTile& tile, std::span<const
   std::size_t rays = 0;
   for (const std::size_t pixel : list) {
     for (const PinholeCamera::Grid& grid : grids) {
+      if (request.camera->has_soft_light()) seed(request, grid, tile, pixel, rays, scratch);
       scratch.left[rays] = grid.left[tile.column * PixelTile::kSide + pixel];
       scratch.up[rays++] = grid.up[tile.row * PixelTile::kSide + pixel];
     }
@@ -251,8 +322,11 @@ void begin(const RenderRequest& request, RaycastScratch& scratch) {
   bodies.shapes.first_element = request.shading->first_body();
   drones.shapes.first_element = bodies.shapes.first_element + static_cast<std::int32_t>(bodies.shapes.count);
   scratch.bodies.begin(bodies, drones, *request.shading);
-  if (camera.shadows && camera.outputs.any_color()) {
-    scratch.casters.begin(request.scene->casters(), bodies.shapes, drones.shapes, to_sun(request));
+  const bool soft = has_soft_light(request, camera.outputs);
+  if (soft || (camera.shadows && camera.outputs.any_color())) {
+    const auto& primitives = request.world->primitives();
+    const bool has_room = !primitives.empty() && primitives[0].kind == PrimitiveKind::room;
+    scratch.casters.begin(has_room ? &request.scene->shape(0) : nullptr, request.scene->casters(), bodies.shapes, drones.shapes);
   }
   scratch.tracer.set_viewpoint(*request.scene,
                                {.origin = request.position,
@@ -263,7 +337,7 @@ void begin(const RenderRequest& request, RaycastScratch& scratch) {
                                 .sees_markers = true,
                                 .bodies = &bodies.shapes,
                                 .drones = &drones.shapes,
-                                .asked = {.normals = camera.outputs.normal, .weights = camera.outputs.any_color()},
+                                .asked = {.normals = camera.outputs.normal || soft, .weights = camera.outputs.any_color()},
                                 .policy = request.policy});
 }
 

@@ -5,6 +5,7 @@
 
 #include "render/raycast/shaded_bodies.hpp"
 #include "render/raycast/shading.hpp"
+#include "render/raycast/soft_light.hpp"
 #include "render/render_request.hpp"
 #include "trace/tracer.hpp"
 
@@ -17,6 +18,8 @@ struct RaycastScratch {
   Casters casters;  // used if the frame has shadows
   TilePixels pixels;
   alignas(64) std::uint8_t shaded[TilePixels::kCount];
+  SoftLight soft;                                         // used if the camera has_soft_light()
+  TilePixels facing;                                      // normals of the surfaces that ambient light falls on
   alignas(64) std::uint16_t sums[3][TilePixels::kCount];  // sums of r, g and b over the samples
   alignas(64) trace::RayFloats ones;                      // x of all ray directions
   alignas(64) trace::RayFloats left, up;                  // y and z of the directions of refined pixels' samples

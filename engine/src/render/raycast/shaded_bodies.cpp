@@ -51,6 +51,26 @@ namespace {
 constexpr std::size_t kRamps = 16;   // ramps that are kept, unless a frame needs more
 constexpr std::size_t kMeshes = 16;  // the same for meshes
 
+// Returns whether a beam from one box can hit another box. half: of both together.
+// It can if a ray from the first box's centre along the axis hits the second one, widened by the first and by the spread.
+bool reaches(const Casters::Beam& beam, const Vec3& offset, const Vec3& half_of_both) {
+  Vec3 half = half_of_both;
+  if (beam.spread > 0.0F) half.array() += beam.spread * (offset.norm() + half.norm());  // the second factor: the longest ray
+  float enter = 0.0F;
+  float leave = std::numeric_limits<float>::max();
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    if (beam.axis[axis] == 0.0F) {
+      if (std::abs(offset[axis]) > half[axis]) leave = -1.0F;
+      continue;
+    }
+    const float low = (offset[axis] - half[axis]) / beam.axis[axis];
+    const float high = (offset[axis] + half[axis]) / beam.axis[axis];
+    enter = std::max(enter, std::min(low, high));
+    leave = std::min(leave, std::max(low, high));
+  }
+  return enter <= leave;
+}
+
 // Returns whether two lights give the same ramps.
 bool give_same_ramps(const Light& a, const Light& b) {
   return a.sun_color == b.sun_color && a.sky_ambient == b.sky_ambient && a.ground_ambient == b.ground_ambient &&
@@ -129,9 +149,9 @@ const std::int32_t* ShadedBodies::find_ramp(const Surface& surface) {
   return (*found)->is_fine ? (*found)->entries.data() : nullptr;
 }
 
-void Casters::begin(std::span<const trace::NumberedShape> primitives, const trace::Bodies& bodies, const trace::Bodies& drones,
-                    const Vec3& to_sun) {
-  to_sun_ = to_sun;
+void Casters::begin(const trace::Shape* room, std::span<const trace::NumberedShape> primitives, const trace::Bodies& bodies,
+                    const trace::Bodies& drones) {
+  room_ = room;
   lists_primitives_ = primitives.size() <= kMaxListed;
   casters_.clear();
   if (lists_primitives_) casters_.assign(primitives.begin(), primitives.end());
@@ -139,42 +159,26 @@ void Casters::begin(std::span<const trace::NumberedShape> primitives, const trac
   trace::append_shapes(bodies, casters_);
   trace::append_meshes(bodies, meshes_);
   trace::append_meshes(drones, meshes_);
-  above_.reserve(casters_.size());
+  above_.reserve(casters_.size() + 1);
   meshes_above_.reserve(meshes_.size());
 }
 
-// The shadow reaches the box if a ray from the box's centre to the sun hits the caster's bounding box, widened by the box.
-bool Casters::reaches(const Vec3& offset, const Vec3& half) const {
-  float enter = 0.0F;
-  float leave = std::numeric_limits<float>::max();
-  for (Eigen::Index axis = 0; axis < 3; ++axis) {
-    if (to_sun_[axis] == 0.0F) {
-      if (std::abs(offset[axis]) > half[axis]) leave = -1.0F;
-      continue;
-    }
-    const float low = (offset[axis] - half[axis]) / to_sun_[axis];
-    const float high = (offset[axis] + half[axis]) / to_sun_[axis];
-    enter = std::max(enter, std::min(low, high));
-    leave = std::min(leave, std::max(low, high));
-  }
-  return enter <= leave;
-}
-
-std::span<const trace::NumberedShape> Casters::above(const Aabb& box) {
+std::span<const trace::NumberedShape> Casters::above(const Aabb& box, const Beam& beam) {
   above_.clear();
+  if (room_ != nullptr && beam.axis.isZero(0.0F)) above_.push_back({*room_, 0});
   const Vec3 center = 0.5F * (box.min + box.max), half = 0.5F * (box.max - box.min);
   for (const trace::NumberedShape& caster : casters_) {
-    if (reaches(caster.shape.box_center - center, caster.shape.box_half + half)) above_.push_back(caster);
+    if (reaches(beam, caster.shape.box_center - center, caster.shape.box_half + half)) above_.push_back(caster);
   }
   return above_;
 }
 
-std::span<const trace::PosedMesh> Casters::meshes_above(const Aabb& box) {
+std::span<const trace::PosedMesh> Casters::meshes_above(const Aabb& box, const Beam& beam) {
   meshes_above_.clear();
   const Vec3 center = 0.5F * (box.min + box.max), half = 0.5F * (box.max - box.min);
   for (const trace::PosedMesh& mesh : meshes_) {
     const Vec3 reach = Vec3::Constant(mesh.radius * 1.0001F + 1e-5F * (1.0F + mesh.position.cwiseAbs().maxCoeff()));
-    if (reaches(mesh.position - center, reach + half)) meshes_above_.push_back(mesh);
+    if (reaches(beam, mesh.position - center, reach + half)) meshes_above_.push_back(mesh);
   }
   return meshes_above_;
 }

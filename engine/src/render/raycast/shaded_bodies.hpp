@@ -121,20 +121,25 @@ class Casters {
  public:
   static constexpr std::size_t kMaxListed = 64;  // primitives of the world; Embree's tree finds more of them sooner
 
-  // Begins a frame. Allocates only if there are more casters than ever before. primitives: of the world, without rooms.
-  void begin(std::span<const trace::NumberedShape> primitives, const trace::Bodies& bodies, const trace::Bodies& drones,
-             const Vec3& to_sun);
+  // Begins a frame. Allocates only if there are more casters than ever before. room: of the world, may be null. primitives: of
+  // the world, without rooms.
+  void begin(const trace::Shape* room, std::span<const trace::NumberedShape> primitives, const trace::Bodies& bodies,
+             const trace::Bodies& drones);
   bool lists_primitives() const { return lists_primitives_; }
-  // Return at least those casters whose shadow reaches into the box, valid until the next call.
-  std::span<const trace::NumberedShape> above(const Aabb& box);
-  std::span<const trace::PosedMesh> meshes_above(const Aabb& box);
+
+  // Directions of rays: differ from `axis` by at most `spread`. No axis: finds what is in the box itself, with the room, which
+  // casts no shadow of the sun.
+  struct Beam {
+    Vec3 axis = Vec3::Zero();
+    float spread = 0.0F;
+  };
+  // Return at least those casters that rays from the box can hit, valid until the next call.
+  std::span<const trace::NumberedShape> above(const Aabb& box, const Beam& beam);
+  std::span<const trace::PosedMesh> meshes_above(const Aabb& box, const Beam& beam);
 
  private:
-  // Returns whether the shadow of something in a box reaches into another box. half: of both together.
-  bool reaches(const Vec3& offset, const Vec3& half) const;
-
-  Vec3 to_sun_ = Vec3::UnitZ();
   bool lists_primitives_ = false;
+  const trace::Shape* room_ = nullptr;
   std::vector<trace::NumberedShape> casters_, above_;
   std::vector<trace::PosedMesh> meshes_, meshes_above_;
 };

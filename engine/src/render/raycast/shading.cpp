@@ -19,6 +19,7 @@
 #include "base/srgb.hpp"
 #include "base/wide-inl.hpp"
 #include "render/raycast/shaded_bodies.hpp"
+#include "render/raycast/soft_light.hpp"
 
 #ifndef FLOCKSTEP_RENDER_COMMON_FACE
 #define FLOCKSTEP_RENDER_COMMON_FACE
@@ -73,15 +74,18 @@ using Mask = F::Mask;
 using F3 = Wide3<F>;
 using Color = std::array<F, 3>;
 
-// Kernels for worlds that Shading::Tables::is_plain() describes, for other worlds without fog, and for fog.
-enum class Detail : std::uint8_t { plain, full, fog };
+// Kernels for worlds that Shading::Tables::is_plain() describes, for other worlds without fog, for fog, and for soft light with
+// or without fog. The last two compute the light of each pixel, the others look most of it up.
+enum class Detail : std::uint8_t { plain, full, fog, soft };
+constexpr bool lights_pixels(Detail detail) { return detail >= Detail::fog; }
 
 // One vector of rays. kShadows: some hits may be in shadow.
 template <bool kShadows, Detail kDetail>
 struct Rays {
   F3 direction;  // world frame
   F t;
-  Mask shaded;  // empty without kShadows
+  Mask shaded;                   // empty without kShadows
+  F sun = 1.0F, ambient = 1.0F;  // shares of the light, for Detail::soft only
 };
 struct Pixels {
   I color;  // r | g << 8 | b << 16
@@ -123,9 +127,11 @@ HWY_INLINE Color linear(const Shading::Tables& tables, const Base& base, F sunwa
   const Light& light = tables.light;
   F sun = max(sunward, 0.0F);
   if constexpr (kShadows) sun = zero_if(rays.shaded, sun);
+  if constexpr (kDetail == Detail::soft) sun = sun * rays.sun;
   const F sky = max(upward * 0.5F + 0.5F, 0.0F);
   const auto channel = [&](std::size_t c) HWY_ATTR {
-    const F ambient = light.ground_ambient[c] + (light.sky_ambient[c] - light.ground_ambient[c]) * sky;
+    F ambient = light.ground_ambient[c] + (light.sky_ambient[c] - light.ground_ambient[c]) * sky;
+    if constexpr (kDetail == Detail::soft) ambient = ambient * rays.ambient;
     F value = base(c) * (ambient + light.sun_color[c] * sun);
     if constexpr (!std::is_same_v<Emitted, Nothing>) value = value + emitted(c);
     return value;
@@ -145,10 +151,11 @@ HWY_INLINE F exp_of_minus(F x) {
 
 // The part of a surface's light that comes through the fog, and the height of the sky behind it; see Light.
 struct FogView {
-  F clear, up;
+  F clear = 1.0F, up = 0.0F;
 
   template <bool kShadows, Detail kDetail>
   HWY_INLINE FogView(const Shading::Tables& tables, const Rays<kShadows, kDetail>& rays) {
+    if (kDetail == Detail::soft && tables.light.fog_visibility_m == 0.0F) return;
     const F length = sqrt(dot(rays.direction, rays.direction));
     clear = exp_of_minus(rays.t * length * (3.9F / tables.light.fog_visibility_m));
     up = max(dot(rays.direction, up_of(tables)) / length, 0.0F);
@@ -266,7 +273,7 @@ template <bool kShadows, Detail kDetail>
 HWY_INLINE void color_round(const Shading::Tables& tables, const ShadedSolid& solid, const F3& at, const F3& dir,
                             const Rays<kShadows, kDetail>& rays, const CameraOutputs& wanted, Pixels& pixels) {
   pixels.normal = towards_camera(outward_normal(*solid.shape, at), dir);
-  if (kDetail != Detail::fog && wanted.any_color()) {
+  if (!lights_pixels(kDetail) && wanted.any_color()) {
     const auto cosine = [&](const std::array<float, 3>& to) HWY_ATTR { return dot(pixels.normal, F3{to[0], to[1], to[2]}); };
     const auto base = [&](std::size_t c) { return solid.surface.color[c]; };
     const auto emitted = [&](std::size_t c) { return solid.surface.emissive[c]; };
@@ -289,10 +296,10 @@ HWY_INLINE void color_round(const Shading::Tables& tables, const ShadedSolid& so
   pixels.normal = select(cap, {0.0F, 0.0F, face_normal(dir.z)}, pixels.normal);
 }
 
-// Returns the colours of a solid in fog. normal: in the solid's frame.
+// Returns the colours of a solid in fog or soft light. normal: in the solid's frame.
 template <bool kShadows, Detail kDetail>
-HWY_INLINE I foggy(const Shading::Tables& tables, const ShadedSolid& solid, const F3& normal,
-                   const Rays<kShadows, kDetail>& rays) {
+HWY_INLINE I lit_pixels(const Shading::Tables& tables, const ShadedSolid& solid, const F3& normal,
+                        const Rays<kShadows, kDetail>& rays) {
   const auto cosine = [&](const std::array<float, 3>& to) HWY_ATTR { return dot(normal, F3{to[0], to[1], to[2]}); };
   const auto base = [&](std::size_t c) { return solid.surface.color[c]; };
   const auto emitted = [&](std::size_t c) { return solid.surface.emissive[c]; };
@@ -310,12 +317,12 @@ HWY_INLINE Pixels solid_pixels(const Shading::Tables& tables, const ShadedSolid&
   const F3 at{o.x() + rays.t * dir.x, o.y() + rays.t * dir.y, o.z() + rays.t * dir.z};
   Pixels pixels{0, solid.surface.semantic, solid.surface.instance, {0.0F, 0.0F, 0.0F}};
   if (shape.kind == trace::ShapeKind::box) {
-    color_box(solid, at, dir, rays, wanted.normal || kDetail == Detail::fog, pixels);
+    color_box(solid, at, dir, rays, wanted.normal || lights_pixels(kDetail), pixels);
   } else {
     color_round(tables, solid, at, dir, rays, wanted, pixels);
   }
-  if constexpr (kDetail == Detail::fog) {
-    if (wanted.any_color()) pixels.color = foggy(tables, solid, pixels.normal, rays);
+  if constexpr (lights_pixels(kDetail)) {
+    if (wanted.any_color()) pixels.color = lit_pixels(tables, solid, pixels.normal, rays);
   }
   if (wanted.normal && !shape.aligned) {
     const auto to_world = [&shape](int row, int column) { return shape.to_local(column, row); };
@@ -539,7 +546,7 @@ class TintedTile {
         if (of_vertices) tint = F::load(of_vertices_[c] + i) * tint;
         color[c] = color[c] * tint;
       }
-      if constexpr (kDetail == Detail::fog) color = FogView(F::load(clear_ + i), F::load(up_ + i))(tables, color);
+      if constexpr (lights_pixels(kDetail)) color = FogView(F::load(clear_ + i), F::load(up_ + i))(tables, color);
       f(i, select(known < 0, written(tables, color), known));
     }
   }
@@ -593,12 +600,16 @@ HWY_INLINE Pixels triangle_pixels(const Shading::Tables& tables, const std::int3
                                   const trace::HitDetails& details, std::size_t first, const Rays<kShadows, kDetail>& rays,
                                   float pixel_area, const CameraOutputs& wanted, TintedTile& tile) {
   Pixels pixels = empty_pixels();
-  if (wanted.any_color()) pixels.color = lit(tables, I::load(each), which, details, first, rays);
+  if constexpr (kDetail == Detail::soft) {
+    pixels.color = value_if(which, I(-1));  // follows below
+  } else if (wanted.any_color()) {
+    pixels.color = lit(tables, I::load(each), which, details, first, rays);
+  }
   const Mask tinted = pixels.color < 0;
   const bool tints_some = !none(tinted), numbers = wanted.semantic || wanted.instance;
   if (!tints_some && !numbers && !wanted.normal) return pixels;
 
-  if (wanted.normal) {
+  if (wanted.normal || kDetail == Detail::soft) {
     const F3 normal = F3::load(details.normal_x + first, details.normal_y + first, details.normal_z + first);
     pixels.normal = towards_camera(normalised(normal), rays.direction);
   }
@@ -637,13 +648,21 @@ HWY_INLINE Pixels triangle_pixels(const Shading::Tables& tables, const std::int3
     for (std::size_t c = 0; c < 3; ++c) set(unit[c], where, paint.unit[c]);
     if (paint.texture >= 0) textured.add(paint, where);
   });
+  if constexpr (kDetail == Detail::soft) {
+    const I material = I::load(materials);
+    const auto base = [&](std::size_t c) HWY_ATTR { return F::gather(tables.color[c].data(), material); };
+    const auto emitted = [&](std::size_t c) HWY_ATTR { return F::gather(tables.emissive[c].data(), material); };
+    const auto& sun = tables.light.sun_direction;
+    const F sunward = dot(pixels.normal, F3{sun[0], sun[1], sun[2]}), upward = dot(pixels.normal, up_of(tables));
+    pixels.color = value_if(which, as_roots(linear(tables, base, sunward, upward, rays, emitted), unit));
+  }
   tile.add(first, unit, colored ? &tints : nullptr);
   if (none(textured.lanes)) {
     tile.add_none();
   } else {
     tile.add(textured, rays, pixel_area);
   }
-  if constexpr (kDetail == Detail::fog) tile.add(FogView(tables, rays));
+  if constexpr (lights_pixels(kDetail)) tile.add(FogView(tables, rays));
   return pixels;
 }
 
@@ -770,8 +789,8 @@ HWY_INLINE const ShadedSolid& solid_of(const Shading::Tables& tables, std::int32
 
 template <bool kShadows, Detail kDetail>
 void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
-                const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind,
-                ShadedBodies& bodies, TilePixels& out) {
+                const std::uint8_t* shaded, const SoftLight* soft, float pixel_area, const CameraOutputs& wanted,
+                DepthKind depth_kind, ShadedBodies& bodies, TilePixels& out) {
   using Bytes = Wide<hn::Rebind<std::uint8_t, F::Tag>>;
   using Shorts = Wide<hn::Rebind<std::uint16_t, F::Tag>>;
   TintedTile tinted;
@@ -787,6 +806,10 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
     Rays<kShadows, kDetail> rays{rotate(bundle.rotation, F3::load_unaligned(bundle.x + i, bundle.y + i, bundle.z + i)),
                                  F::load(bundle.t_hit + i), Mask(false)};
     if constexpr (kShadows) rays.shaded = convert<I>(Bytes::load_unaligned(shaded + i)) != 0;
+    if constexpr (kDetail == Detail::soft) {
+      rays.sun = F::load(soft->sun + i);
+      rays.ambient = F::load(soft->ambient + i);
+    }
     if (wanted.depth) write_depth(bundle, i, depth_kind, out);
     Pixels pixels = empty_pixels();
     std::uint32_t left = bits(Mask(true));
@@ -823,7 +846,8 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
 template <bool kShadows, Detail kDetail>
 void shade_mesh(const Shading::Tables& tables, const Mat3& to_local, const Mat3& to_world, std::int32_t body_element,
                 const Surface& surface, const trace::RayBundle& bundle, const trace::HitDetails& details,
-                const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, TilePixels& out) {
+                const std::uint8_t* shaded, const SoftLight* soft, float pixel_area, const CameraOutputs& wanted,
+                TilePixels& out) {
   using Bytes = Wide<hn::Rebind<std::uint8_t, F::Tag>>;
   using Shorts = Wide<hn::Rebind<std::uint16_t, F::Tag>>;
   TintedTile tinted;
@@ -848,6 +872,10 @@ void shade_mesh(const Shading::Tables& tables, const Mat3& to_local, const Mat3&
     Rays<kShadows, kDetail> rays{rotate(to_local, F3::load_unaligned(bundle.x + i, bundle.y + i, bundle.z + i)),
                                  F::load(bundle.t_hit + i), Mask(false)};
     if constexpr (kShadows) rays.shaded = convert<I>(Bytes::load_unaligned(shaded + i)) != 0;
+    if constexpr (kDetail == Detail::soft) {
+      rays.sun = F::load(soft->sun + i);
+      rays.ambient = F::load(soft->ambient + i);
+    }
     const Pixels pixels = triangle_pixels(tables, details.triangle + i, mask, details, i, rays, pixel_area, of_triangles, tinted);
     if (wanted.any_color()) tinted.waits_for(i) ? tinted.set_color(i, pixels.color) : put_color(i, pixels.color);
     if (wanted.semantic) put_short(mask, surface.semantic, out.semantic + i);
@@ -872,10 +900,10 @@ auto tile_shader(const Shading::Tables& tables, bool has_fog) {
 }
 
 void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
-           const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, ShadedBodies& bodies,
-           TilePixels& out) {
+           const std::uint8_t* shaded, const SoftLight* soft, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind,
+           ShadedBodies& bodies, TilePixels& out) {
   const bool has_fog = tables.light.fog_visibility_m > 0.0F && wanted.any_color();
-  if (shaded == nullptr) {
+  if (soft == nullptr && shaded == nullptr) {
     const std::int32_t element = bundle.element[0];
     const bool is_solid = element >= 0 && (element < tables.first_triangle || element >= tables.first_marker) &&
                           !is_mesh_body(tables, element, bodies);
@@ -888,18 +916,21 @@ void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const 
         return;
       }
     }
-    tile_shader<false>(tables, has_fog)(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, bodies, out);
-  } else {
-    tile_shader<true>(tables, has_fog)(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, bodies, out);
   }
+  const auto tile_kernel = soft != nullptr     ? shade_tile<false, Detail::soft>
+                           : shaded == nullptr ? tile_shader<false>(tables, has_fog)
+                                               : tile_shader<true>(tables, has_fog);
+  tile_kernel(tables, bundle, details, shaded, soft, pixel_area, wanted, depth_kind, bodies, out);
   const std::int32_t first_body = tables.first_marker + static_cast<std::int32_t>(tables.markers.size());
   for (const std::int32_t body : bodies.take_seen_meshes()) {
     const ShadedBodies::Mesh mesh = bodies.mesh_at(static_cast<std::size_t>(body));
     bodies.light(mesh, first_body + body, bundle, details, shaded != nullptr && wanted.any_color());
     const Shading::Tables& own = mesh.shaded->tables();
-    (shaded == nullptr ? mesh_shader<false>(own, has_fog) : mesh_shader<true>(own, has_fog))(
-        own, mesh.posed.local_rotation(bundle.rotation), mesh.posed.to_local.transpose(), first_body + body, mesh.surface, bundle,
-        details, shaded, pixel_area, wanted, out);
+    const auto mesh_kernel = soft != nullptr     ? shade_mesh<false, Detail::soft>
+                             : shaded == nullptr ? mesh_shader<false>(own, has_fog)
+                                                 : mesh_shader<true>(own, has_fog);
+    mesh_kernel(own, mesh.posed.local_rotation(bundle.rotation), mesh.posed.to_local.transpose(), first_body + body, mesh.surface,
+                bundle, details, shaded, soft, pixel_area, wanted, out);
   }
 }
 
@@ -1087,10 +1118,10 @@ void Shading::prepare_shadows() const {
 }
 
 void Shading::shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,
-                    float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, ShadedBodies& bodies,
-                    TilePixels& out) const {
+                    const SoftLight* soft, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind,
+                    ShadedBodies& bodies, TilePixels& out) const {
   HWY_DYNAMIC_DISPATCH(shade)
-  (tables_, rays, details, shaded.empty() ? nullptr : shaded.data(), pixel_area, wanted, depth_kind, bodies, out);
+  (tables_, rays, details, shaded.empty() ? nullptr : shaded.data(), soft, pixel_area, wanted, depth_kind, bodies, out);
 }
 
 }  // namespace flockstep::render

@@ -41,6 +41,7 @@ struct ShadedSolid {
 };
 
 class ShadedBodies;
+struct SoftLight;
 
 // Tables of all data that the colours of a world depend on; built once.
 class Shading {
@@ -50,10 +51,11 @@ class Shading {
   Shading(const World& world, const trace::Scene& scene, const Shading* original = nullptr);
 
   // Writes the wanted outputs of a traced tile. details: of the triangles that were hit. shaded: empty, or one value per ray,
-  // 1 if its hit lies in the shadow of something else, otherwise 0. pixel_area: m^2, area of a pixel, or of one of its
-  // samples, at planar depth 1. bodies: of the frame.
+  // 1 if its hit lies in the shadow of something else, otherwise 0. soft: if not null, the light of the hits instead; their
+  // details have normals. pixel_area: m^2, area of a pixel, or of one of its samples, at planar depth 1. bodies: of the frame.
   void shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,
-             float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, ShadedBodies& bodies, TilePixels& out) const;
+             const SoftLight* soft, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, ShadedBodies& bodies,
+             TilePixels& out) const;
 
   // Computes the colours of triangles in shade, unless they exist. Call it before calling shade() with shaded hits.
   void prepare_shadows() const;
