@@ -99,7 +99,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes):
     render_camera
         The name of the camera that ``render_view="camera"`` shows. Default: the first.
     render_style
-        ``"bright"``, ``"dark"``: perspective views in dark colours with shining beams, or ``"soft"``: soft shadows, slow.
+        ``"bright"``, ``"dark"``: perspective views in dark colours, shining beams, or ``"soft"``: soft shadows, slow.
     render_samples
         Samples per pixel of perspective views, 1, 4, 9 or 16: with 1, edges are jagged and a picture takes a third of
         the time.
