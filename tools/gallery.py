@@ -37,7 +37,7 @@ LIT = "outdoor/city"
 LIGHTS = 4
 #: Scene of the picture with and without soft light, which shows its LOUNGE.
 SOFTENED = "indoor/office"
-SOFT = {"sun_size_deg": 3.0, "ambient_occlusion_rays": 16}
+SOFT: dict[str, Any] = {"sun_size_deg": 3.0, "ambient_occlusion_rays": 16}
 HALF_PX = (560, 420)
 HFOV_DEG = 80.0
 #: A spinning LiDAR, which scans every SCAN_EVERY_M metres of the path.

@@ -100,8 +100,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes, Sho
     render_camera
         The name of the camera that ``render_view="camera"`` shows. Default: the first.
     render_style
-        ``"bright"``, ``"dark"``: perspective views in dark colours, with shining beams and trails, or ``"soft"``: dark
-        corners and soft shadows, in several times the time.
+        ``"bright"``, ``"dark"``: perspective views in dark colours, shining beams, or ``"soft"``: soft shadows, slow.
     render_samples
         Samples per pixel of perspective views, 1, 4, 9 or 16: with 1, edges are jagged and a picture takes a third of
         the time.

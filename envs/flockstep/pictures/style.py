@@ -33,7 +33,7 @@ class Style:
     """Of a quadrotor's parts, linear RGB."""
     is_dark: bool = False
     camera: Mapping[str, Any] = field(default_factory=dict)
-    """Fields of the camera of images with samples and shadows."""
+    """Fields of cameras with samples and shadows."""
 
     def applied_to(self, world: World) -> World:
         """Return the world in the light and the colours of the style."""

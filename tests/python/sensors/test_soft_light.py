@@ -17,7 +17,7 @@ from flockstep.pictures.picture import facing
 REACH_M = 1.5
 LOW, HIGH = np.array([-2.0, -1.5, 0.0]), np.array([2.0, 1.5, 2.5])
 WHITE = {"default": {"base_color": [1, 1, 1]}}
-SOFT = {"shadows": True, "sun_size_deg": 3.0, "ambient_occlusion_rays": 4}
+SOFT: dict[str, Any] = {"shadows": True, "sun_size_deg": 3.0, "ambient_occlusion_rays": 4}
 DOWN = [np.sqrt(0.5), 0, np.sqrt(0.5), 0]
 
 Floats = npt.NDArray[np.float64]
