@@ -140,8 +140,14 @@ def test_two_flights_have_their_names_ends_worlds_and_shadows(tab, tmp_path):
     lit = "flockstep.page.stage.light.sun.target.position.x"
     alone = tab.evaluate(lit)
     tab.evaluate(
-        """(() => { const {stage} = flockstep.page, draw = stage.drawPart; window.lit = [];
-        stage.drawPart = function (...part) { window.lit.push(this.light.sun.target.position.x); draw.apply(this, part); }; })()"""
+        """(() => {
+            const {stage} = flockstep.page, draw = stage.drawPart;
+            window.lit = [];
+            stage.drawPart = (...part) => {
+                window.lit.push(stage.light.sun.target.position.x);
+                draw.apply(stage, part);
+            };
+        })()"""
     )
     tab.keyboard.press("c")
     wait(tab, "window.lit.length > 1")
