@@ -82,7 +82,7 @@ def main() -> None:
         arguments.run(arguments)
         sys.stdout.flush()
     except OSError as error:
-        if error.filename is not None:
+        if error.filename is not None or error.errno is None:  # one of ours has no number
             sys.exit(f"flockstep {arguments.command}: {error}")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python would write the rest when it ends
         sys.exit(f"flockstep: cannot write the output: {error}")

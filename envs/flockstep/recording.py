@@ -149,7 +149,7 @@ def record(
 
 
 class _Film:
-    """Writes the pictures of the first env."""
+    """Writes the pictures of the first env to a file, completely or not at all."""
 
     def __init__(self, path: str | PathLike[str], envs: DroneVectorEnv, fps: float) -> None:
         # By default imageio makes both sides multiples of 16; the codec needs only even ones.
@@ -157,7 +157,8 @@ class _Film:
         settings: dict[str, Any]
         settings = {"duration": 1000 / fps, "loop": 0} if is_gif else {"fps": fps, "quality": 8, "macro_block_size": 2}
         self._envs = envs
-        self._film: Any = _imageio().get_writer(Path(path), **settings)  # its own type for writers has no append_data
+        self._path, self._part = Path(path), Path(path).with_suffix(f".part{Path(path).suffix}")
+        self._film: Any = _imageio().get_writer(self._part, **settings)  # its own type for writers has no append_data
 
     def add(self, actions: Any) -> None:
         frames = self._envs.render()
@@ -167,8 +168,13 @@ class _Film:
     def __enter__(self) -> _Film:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self._film.close()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            self._film.close()
+            if kind is None:
+                self._part.replace(self._path)
+        finally:
+            self._part.unlink(missing_ok=True)
 
 
 def _imageio() -> Any:

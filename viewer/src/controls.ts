@@ -39,20 +39,21 @@ export function describe(end: EpisodeEnd, flight: Flight): string {
 }
 
 /** Lists how episodes ended; a click goes there. */
-export function listEnds(flight: Flight, visit: (end: EpisodeEnd) => void): void {
+export function listEnds(flights: Flight[], visit: (end: EpisodeEnd, flight: Flight) => void): void {
   const box = element("episodes");
-  box.hidden = flight.ends.length === 0;
+  box.hidden = flights.every((flight) => flight.ends.length === 0);
   const list = box.querySelector("ol")!;
   list.replaceChildren();
-  for (const end of flight.ends.slice(-mostListed)) {
+  for (const [flight, end] of flights.flatMap((each) => each.ends.slice(-mostListed).map((end) => [each, end] as const))) {
     const item = document.createElement("li");
     const button = document.createElement("button");
     const dot = document.createElement("span");
     dot.textContent = "● ";
     dot.style.color = endColor(end.reason);
     const who = flight.rows === 1 ? "" : `${flight.rows === flight.drones ? "drone" : "env"} ${end.row}: `;
-    button.append(dot, `${who}${describe(end, flight)}, return ${Number(end.reward.toPrecision(4))}`);
-    button.addEventListener("click", () => visit(end));
+    const whose = flight.label && `${flight.label}: `;
+    button.append(dot, `${whose}${who}${describe(end, flight)}, return ${Number(end.reward.toPrecision(4))}`);
+    button.addEventListener("click", () => visit(end, flight));
     item.append(button);
     list.append(item);
   }

@@ -118,6 +118,8 @@ function extend(column: Column, more: Column): void {
 /** One flight: what a page replays. Times are in seconds from its first moment; a moment has a number, the step. */
 export class Flight {
   readonly title: string;
+  /** Its name beside another flight. */
+  label = "";
   readonly goesOn: boolean;
   private readonly firstWorld: number;
   private readonly firstBody: number;

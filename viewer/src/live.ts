@@ -1,7 +1,7 @@
 // The page while a program flies: it adds what arrives to its flight, says which env to watch, and sends sticks.
 // Python answers in flockstep/viewer/live.py.
 
-import { element, toggle } from "./controls";
+import { element, toggle, type Key } from "./controls";
 import { Flight } from "./flight";
 
 /** What the page knows before the first moment. */
@@ -15,11 +15,13 @@ interface Status {
   env: number;
   paused: boolean;
   real_time: boolean;
+  names: string[];
 }
 
 interface Shown {
   add(next: Flight): void;
   setMode(mode: "follow"): void;
+  setNames(names: string[]): void;
 }
 
 const sendMs = 33;
@@ -30,6 +32,16 @@ const deadZone = 0.06;
 const keys: Record<string, [number, number]> = {
   w: [0, 1], s: [0, -1], arrowright: [1, 1], arrowleft: [1, -1], arrowup: [2, 1], arrowdown: [2, -1], d: [3, 1], a: [3, -1],
 };
+
+const act = (): void => undefined; // `Live.fly` does it
+/** What the help says of the sticks. */
+const stickKeys: Key[] = [
+  { keys: ["w", "s"], shown: "W S", about: "throttle; gamepad: left stick, up and down", act },
+  { keys: ["a", "d"], shown: "A D", about: "yaw; gamepad: left stick, sideways", act },
+  { keys: ["arrowup", "arrowdown"], shown: "↑ ↓", about: "pitch; gamepad: right stick, up and down", act },
+  { keys: ["arrowleft", "arrowright"], shown: "← →", about: "roll; gamepad: right stick, sideways", act },
+  { keys: ["r"], shown: "R", about: "begin again", act },
+];
 
 /** Sticks of the first gamepad with two sticks: the left one is throttle and yaw. */
 function gamepad(): number[] {
@@ -46,13 +58,15 @@ export class Live {
   private readonly held = new Set<string>();
   private readonly said = document.createElement("p");
   private readonly env = document.createElement("input");
-  private readonly buttons = new Map<string, HTMLButtonElement>();
+  private readonly pause = document.createElement("button");
+  private status: Status | undefined;
+  private realTime: HTMLButtonElement | undefined;
   /** Number of moments that have arrived. */
   received = 0;
 
   constructor(
     private readonly source: Source,
-    private readonly show: (flight: Flight) => Promise<Shown>,
+    private readonly show: (flight: Flight, keys: Key[]) => Promise<Shown>,
     private readonly fail: (error: unknown) => void,
   ) {
     this.fill();
@@ -81,26 +95,31 @@ export class Live {
     label.append(`Env of ${this.source.envs.toLocaleString("en")} `, this.env);
     this.env.addEventListener("change", () => this.send({ env: Math.round(Number(this.env.value)) }));
     box.append(label);
-    this.buttons.set("paused", toggle(box, "Pause", false, (paused) => this.send({ paused })));
+    this.pause.textContent = "Pause";
+    this.pause.addEventListener("click", () => this.send({ paused: !this.status?.paused }));
     const step = document.createElement("button");
     step.textContent = "Step";
     step.addEventListener("click", () => this.send({ step: true }));
-    box.append(step);
-    if (!this.source.flies) this.buttons.set("real_time", toggle(box, "Real time", false, (real_time) => this.send({ real_time })));
+    box.append(this.pause, step);
+    if (!this.source.flies) this.realTime = toggle(box, "Real time", false, (real_time) => this.send({ real_time }));
     box.append(this.said);
   }
 
   /** Shows what Python says. */
   private tell(status: Status): void {
     if (document.activeElement !== this.env) this.env.value = String(status.env);
-    for (const [name, button] of this.buttons) button.setAttribute("aria-pressed", String(status[name as "paused" | "real_time"]));
+    this.status = status;
+    this.pause.textContent = status.paused ? "Resume" : "Pause";
+    this.realTime?.setAttribute("aria-pressed", String(status.real_time));
+    this.page?.setNames(status.names);
   }
 
   private async receive(data: ArrayBuffer): Promise<void> {
     const next = new Flight(data);
     if (this.page) this.page.add(next);
     else {
-      this.page = await this.show(next);
+      this.page = await this.show(next, this.source.flies ? stickKeys : []);
+      this.page.setNames(this.status?.names ?? []);
       if (this.source.flies) this.page.setMode("follow");
     }
     this.received++;

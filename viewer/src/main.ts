@@ -45,7 +45,14 @@ class Page {
   private readonly images: ImagePanel[];
   private readonly buttons = new Map<string, HTMLButtonElement>();
 
-  constructor(readonly flights: Flight[]) {
+  /** Names of an env's drones; numbers stand for those without one. */
+  private names: string[] = [];
+
+  /** `taken` are keys that the program of a live view uses. */
+  constructor(
+    readonly flights: Flight[],
+    private readonly taken: Key[] = [],
+  ) {
     this.flight = flights[0];
     this.viewer = new Viewer(element("view"), () => this.invalidate());
     this.stage = new Stage(element("view"), this.viewer, () => this.invalidate());
@@ -66,15 +73,19 @@ class Page {
     this.bind();
     this.stage.resize();
     this.stage.update(this.choice);
-    const pose = this.stage.pose();
-    const bounds = this.stage.bounds();
-    this.viewer.frame(bounds, pose ? new THREE.Vector3(pose[0], pose[1], pose[2]) : bounds.getCenter(new THREE.Vector3()));
+    this.frameWorld();
     this.curves.show(0);
     new ResizeObserver(() => {
       this.stage.resize();
       this.invalidate();
     }).observe(element("view"));
     requestAnimationFrame((now) => this.frame(now));
+  }
+
+  private frameWorld(): void {
+    const pose = this.stage.pose();
+    const bounds = this.stage.bounds();
+    this.viewer.frame(bounds, pose ? new THREE.Vector3(pose[0], pose[1], pose[2]) : bounds.getCenter(new THREE.Vector3()));
   }
 
   private get total(): number {
@@ -104,9 +115,8 @@ class Page {
   }
 
   private listEnds(): void {
-    const { flight } = this;
-    listEnds(flight, (end) => {
-      this.choose(flight.rows === flight.drones ? end.row : end.row * flight.perEnv);
+    listEnds(this.flights, (end, flight) => {
+      if (flight === this.flight) this.choose(flight.rows === flight.drones ? end.row : end.row * flight.perEnv);
       this.seek(flight.timeAt(end.step));
     });
   }
@@ -146,7 +156,18 @@ class Page {
     this.invalidate();
   }
 
+  setNames(names: string[]): void {
+    this.names = names;
+    this.fillDrones();
+    this.invalidate();
+  }
+
+  private nameOf(drone: number): string {
+    return this.names[drone % this.flight.perEnv] ?? `drone ${drone}`;
+  }
+
   setMode(mode: Mode): void {
+    if (mode === "orbit" && this.viewer.mode !== "orbit") this.frameWorld();
     this.viewer.mode = mode;
     for (const other of modes) this.buttons.get(other)!.setAttribute("aria-pressed", String(other === mode));
     if (mode !== "eye") this.viewer.controls.update();
@@ -158,7 +179,7 @@ class Page {
     const { perEnv } = this.flight;
     const first = this.choice.env * perEnv;
     const select = element<HTMLSelectElement>("drone");
-    fillSelect(select, Array.from({ length: perEnv }, (_, i) => String(first + i)), (i) => this.choose(first + i));
+    fillSelect(select, Array.from({ length: perEnv }, (_, i) => this.names[i] ?? String(first + i)), (i) => this.choose(first + i));
     select.selectedIndex = this.choice.drone - first;
   }
 
@@ -198,9 +219,11 @@ class Page {
       });
       this.buttons.set(layer, button);
     }
-    element("compare").hidden = this.flights.length < 2;
-    this.buttons.set("ghost", toggle(element("compare"), "Ghost", true, (isOn) => this.compare(false, isOn)));
-    this.buttons.set("side", toggle(element("compare"), "Side by side", false, (isOn) => this.compare(isOn, true)));
+    if (this.flights.length > 1) {
+      element("compare").hidden = false;
+      this.buttons.set("ghost", toggle(element("compare"), "Ghost", true, (isOn) => this.compare(false, isOn)));
+      this.buttons.set("side", toggle(element("compare"), "Side by side", false, (isOn) => this.compare(isOn, true)));
+    }
     this.listEnds();
   }
 
@@ -209,10 +232,8 @@ class Page {
     this.buttons.get("side")!.setAttribute("aria-pressed", String(sideBySide));
     this.buttons.get("ghost")!.setAttribute("aria-pressed", String(ghost && !sideBySide));
     element("split").hidden = !sideBySide;
-    for (const [i, id] of ["label-a", "label-b"].entries()) {
-      element(id).hidden = !sideBySide;
-      element(id).textContent = this.flights[i]?.title ?? "";
-    }
+    element("label-b").hidden = !sideBySide;
+    element("label-b").textContent = this.flights[1].label;
     this.invalidate();
   }
 
@@ -223,7 +244,10 @@ class Page {
     element<HTMLSelectElement>("speed").addEventListener("change", (event) => (this.speed = Number((event.target as HTMLSelectElement).value)));
     const help = element<HTMLDialogElement>("help");
     element("help-button").addEventListener("click", () => help.showModal());
-    const press = (name: string): void => this.buttons.get(name)?.click();
+    const press = (key: string, name: string, about: string): Key[] => {
+      const button = this.buttons.get(name);
+      return button ? [{ keys: [key], shown: key.toUpperCase(), about, act: () => button.click() }] : [];
+    };
     const by = (steps: number, seconds: number) => (event: KeyboardEvent) =>
       this.seek(event.shiftKey ? this.choice.seconds + seconds : this.flight.timeAt(this.flight.stepAt(this.choice.seconds) + steps));
     const speed = (by: number): void => {
@@ -237,14 +261,14 @@ class Page {
       { keys: ["Home"], shown: "Home End", about: "begin and end", act: () => this.seek(0) },
       { keys: ["[", ","], shown: "[ ]", about: "slower, faster", act: () => speed(-1) },
       { keys: ["1"], shown: "1 2 3 4", about: "orbit, follow, drone's eye, free camera", act: () => this.setMode("orbit") },
-      { keys: ["n"], shown: "N P", about: "next and previous drone", act: () => this.choose(this.choice.drone + 1) },
-      { keys: ["b"], shown: "B", about: "LiDAR beams", act: () => press("beams") },
-      { keys: ["t"], shown: "T", about: "trail", act: () => press("trails") },
-      { keys: ["l"], shown: "L", about: "planned path", act: () => press("path") },
-      { keys: ["m"], shown: "M", about: "hull: what collides, instead of the drone's mesh", act: () => press("hull") },
-      { keys: ["r"], shown: "R", about: "roof", act: () => press("roof") },
-      { keys: ["g"], shown: "G", about: "ghost: the second flight in the same view", act: () => press("ghost") },
-      { keys: ["c"], shown: "C", about: "side by side", act: () => press("side") },
+      ...(this.flight.drones > 1 ? [{ keys: ["n"], shown: "N P", about: "next and previous drone", act: () => this.choose(this.choice.drone + 1) }] : []),
+      ...press("b", "beams", "LiDAR beams"),
+      ...press("t", "trails", "trail"),
+      ...press("l", "path", "planned path"),
+      ...press("m", "hull", "hull: what collides, instead of the drone's mesh"),
+      ...press("r", "roof", "roof"),
+      ...press("g", "ghost", "ghost: the second flight in the same view"),
+      ...press("c", "side", "side by side"),
       { keys: ["?", "h"], shown: "?", about: "this help", act: () => help.showModal() },
     ];
     const rest: Key[] = [
@@ -254,8 +278,10 @@ class Page {
       { keys: ["p"], shown: "", about: "", act: () => this.choose(this.choice.drone - 1) },
       ...modes.slice(1).map((mode, i) => ({ keys: [String(i + 2)], shown: "", about: "", act: () => this.setMode(mode) })),
     ];
-    const flying: Key[] = [{ keys: [], shown: "W A S D Q E", about: "move the free camera; with Shift faster", act: () => undefined }];
-    bindKeys([...keys, ...flying, ...rest]);
+    const flying: Key[] = [{ keys: ["w", "a", "s", "d", "q", "e"], shown: "W A S D Q E", about: "move the free camera; with Shift faster", act: () => undefined }];
+    const taken = new Set(this.taken.flatMap((key) => key.keys));
+    const free = [...keys, ...flying, ...rest].filter((key) => !key.keys.some((name) => taken.has(name.toLowerCase())));
+    bindKeys([...this.taken, ...free]);
     const hold = (event: KeyboardEvent): void => {
       if (this.viewer.mode !== "free" || event.ctrlKey || event.metaKey) return;
       const key = event.key.toLowerCase();
@@ -320,14 +346,15 @@ class Page {
     const step = flight.stepAt(this.choice.seconds);
     const end = flight.endOf(flight.rowOf(drone), flight.episodeStart(drone, step));
     const ended = end && end.step <= step ? describe(end, flight) : "flies";
-    element("state-b").textContent = `${flight.title}: ${ended}`;
+    const [ours, theirs] = this.flights.map((each) => each.worlds[each.worldOf(each.envOf(Math.min(this.choice.drone, each.drones - 1)), each.stepAt(this.choice.seconds))].name);
+    element("state-b").textContent = `${flight.label}: ${ended}${ours === theirs ? "" : ` · in another world, ${theirs}`}`;
     element("state-b").style.color = ghostColor;
   }
 
   private describe(step: number): void {
     const { flight, choice } = this;
     const state = element("state");
-    const words = [`drone ${choice.drone}`];
+    const words = [...(flight.label ? [flight.label] : []), this.nameOf(choice.drone)];
     const pose = this.stage.pose();
     if (!pose) words.push("no finite pose");
     const velocity = flight.column("velocity");
@@ -348,8 +375,8 @@ class Page {
   }
 }
 
-async function show(flights: Flight[]): Promise<Page> {
-  const page = new Page(flights);
+async function show(flights: Flight[], taken: Key[] = []): Promise<Page> {
+  const page = new Page(flights, taken);
   Object.assign(globalThis, { flockstep: { ...(globalThis as { flockstep?: object }).flockstep, page, flights } }); // for tests and the curious
   await page.start();
   return page;
@@ -359,14 +386,16 @@ async function main(): Promise<void> {
   performance.mark("start");
   const source = document.getElementById("live");
   if (source) {
-    const live = new Live(JSON.parse(source.textContent ?? ""), async (flight) => show([flight]), fail);
+    const live = new Live(JSON.parse(source.textContent ?? ""), async (flight, keys) => show([flight], keys), fail);
     Object.assign(globalThis, { flockstep: { live } });
     return;
   }
   const blocks = document.querySelectorAll<HTMLScriptElement>("script[type='application/gzip']");
   const flights: Flight[] = [];
-  for (const block of blocks) {
-    flights.push(await unpack(block.textContent ?? ""));
+  for (const [i, block] of blocks.entries()) {
+    const flight = await unpack(block.textContent ?? "");
+    if (blocks.length > 1) flight.label = `${"AB"[i]}: ${block.dataset.name ?? flight.title}`;
+    flights.push(flight);
     block.remove(); // the text is not needed twice
   }
   if (!flights.length) throw new Error("the page holds no flight");

@@ -102,9 +102,13 @@ export class Stage {
       if (part.world) part.group.remove(part.world.group);
       part.world = world;
       part.group.add(world.group);
-      if (part === this.parts[0]) this.light.shineOn(world);
-      this.renderer.shadowMap.needsUpdate = true;
+      this.shineOn(this.parts[0]);
     }
+  }
+
+  private shineOn({ world }: Part): void {
+    if (world) this.light.shineOn(world);
+    this.renderer.shadowMap.needsUpdate = true;
   }
 
   isReady(choice: Choice): boolean {
@@ -185,6 +189,7 @@ export class Stage {
       return;
     }
     this.viewer.resize(width / 2, height);
+    const isElsewhere = first.world?.info.name !== second.world?.info.name; // each half has its own shadows
     const before = { position: this.viewer.camera.position.clone(), target: this.viewer.controls.target.clone() };
     for (const [i, part] of [first, second].entries()) {
       first.group.visible = i === 0;
@@ -197,8 +202,10 @@ export class Stage {
         const by = new THREE.Vector3(there[0] - here[0], there[1] - here[1], there[2] - here[2]);
         this.viewer.camera.position.add(by);
       } else if (i === 1 && isEye) this.viewer.update(there, 0, true);
+      if (isElsewhere) this.shineOn(part);
       this.drawPart(part, choice);
     }
+    if (isElsewhere) this.shineOn(first);
     this.viewer.camera.position.copy(before.position);
     if (isEye) this.viewer.update(this.pose(0), 0, true);
   }

@@ -116,7 +116,7 @@ class EngineSource(Source):
         stepping.require_open(env)
         batch = env.batch
         learner.fly(t, batch, env.reward_scale)
-        env._flown()
+        env._flown(lambda: learner.actions[t])  # a copy of the whole rollout: only for a moment that is shown
         done = (batch.terminated | batch.truncated) & batch.flying
         stepped = Stepped(env.scaled_reward().copy() if needs_infos else env.scaled_reward(), done, [])
         ended = np.flatnonzero(done)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,9 @@ if TYPE_CHECKING:
     from flockstep.viewer.live import LiveView
 
 RENDER_MODES = ["human", "rgb_array"]
+
+#: Actions of all rows, a function that returns them, or None if there are none.
+Actions: TypeAlias = npt.ArrayLike | Callable[[], npt.ArrayLike] | None
 
 
 class Shown:
@@ -35,7 +39,7 @@ class Shown:
         if self._watched is not None:
             self._watched.begun()
 
-    def _flown(self, actions: npt.ArrayLike | None = None, steps: int = 1) -> None:
+    def _flown(self, actions: Actions = None, steps: int = 1) -> None:
         """Show that all drones have flown env steps. A live view may wait here."""
         if self.trail is not None:
             self.trail.record()

@@ -133,7 +133,11 @@ def _train(arguments: argparse.Namespace) -> None:
     out.parent.mkdir(parents=True, exist_ok=True)
     before = time.perf_counter()
     callbacks = [Progress(), *([_View()] if arguments.view else [])]
-    model = train(training, arguments.learner, arguments.seed, arguments.threads, callbacks)
+    try:
+        model = train(training, arguments.learner, arguments.seed, arguments.threads, callbacks)
+    except KeyboardInterrupt:
+        print(f"interrupted: nothing is saved to {out}", file=sys.stderr)
+        raise
     seconds = time.perf_counter() - before
     model.save(out)
     print(f"{model.num_timesteps:,} steps in {seconds:.1f} s; {out}", flush=True)
@@ -169,6 +173,9 @@ def _policy(arguments: argparse.Namespace) -> Any:
     """Return the model of a file or, if there is none, the bundled one of this name."""
     if arguments.policy in policies.names() and not Path(arguments.policy).exists():
         return policies.load(arguments.policy)
+    if not any(Path(arguments.policy + suffix).exists() for suffix in ("", ".zip")):
+        hint = did_you_mean(arguments.policy, policies.names())
+        raise ValueError(f"POLICY: expected a {_KNOWN}, got {arguments.policy!r}{hint}")
     return load(arguments.policy, arguments.learner)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import webbrowser
 from pathlib import Path
 
@@ -39,8 +40,11 @@ def main(arguments: argparse.Namespace) -> None:
             if progress.is_due:
                 progress.show(f"{path}, {progress.seconds:.0f} s")
             flights.append(page.flight_in(path))
-        page.write(out, flights)
+        page.write(out, flights, [path.stem.encode(errors="replace").decode() for path in paths])
         progress.clear()
+        worlds = [", ".join(sorted(page.worlds_of(each))) for each in flights]
+        if len(set(worlds)) > 1:
+            print(f"flockstep view: the flights are in different worlds: {' and '.join(worlds)}"[:200], file=sys.stderr)
     print(out, flush=True)
     if page.has_display():
         webbrowser.open(out.resolve().as_uri())

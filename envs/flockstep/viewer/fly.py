@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from flockstep import policies
+from flockstep import policies, scenes
 from flockstep._core import Batch, engine_tasks
 from flockstep.registration import make_by_id
 from flockstep.rotations import yaw_of
@@ -58,7 +58,9 @@ def command_of(mode: str, sticks: tuple[float, float, float, float], turned: flo
 
 def envs_for(arguments: argparse.Namespace) -> DroneVectorEnv:
     """Return one env with the drone, and with that of the ghost."""
-    make = partial(DroneVectorEnv, 1, worlds=arguments.world, drone=arguments.drone, num_threads=1)
+    world = scenes.load(arguments.world)
+    drone = "racer5" if arguments.drone is None and world[0].gates else arguments.drone
+    make = partial(DroneVectorEnv, 1, worlds=world, drone=drone, num_threads=1)
     if arguments.ghost is not None:
         race = TRAININGS[arguments.ghost].film["task"]
         return make(task=race, drones_per_env=2, episodes="each", max_episode_steps=0)
@@ -88,9 +90,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=main)
     parser.add_argument("world", metavar="WORLD", help="name of a scene, such as indoor/office, or its file")
     parser.add_argument("--drone", help="name of an airframe, or its file; default: racer5 in a race, otherwise t650")
-    modes = "what the sticks command; default: body_rates, which pilots call acro"
+    modes = "what the sticks command; default: body_rates, which pilots call acro, and which --ghost needs"
     parser.add_argument("--control", choices=CONTROLS, default=CONTROLS[0], help=modes)
-    rival = "a bundled policy that races you, in a world with gates"
+    rival = "a bundled policy that races you by body_rates, in a world with gates"
     racing = [name for name in policies.names() if name in engine_tasks and "task" in TRAININGS[name].film]
     parser.add_argument("--ghost", choices=racing, help=rival)
     parser.add_argument("--port", type=int, default=0, help="port on 127.0.0.1; default: any free one")
@@ -106,6 +108,7 @@ def main(arguments: argparse.Namespace) -> None:
         live = view(envs, local_port=arguments.port, flies=True)
     except OSError as error:
         raise RuntimeError(f"expected a free port, got {arguments.port}: {error}") from error
+    live.names = ("you",) if ghost is None else ("you", f"ghost ({arguments.ghost})")
     with live, suppress(KeyboardInterrupt):
         print(f"flockstep flies in {arguments.world}; Ctrl-C ends it", flush=True)
         fly(envs, live, arguments.control, ghost)

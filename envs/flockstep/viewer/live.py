@@ -22,6 +22,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import numpy.typing as npt
 
+from flockstep.pictures.shown import Actions
 from flockstep.recordings.capture import actions_in, contents_of, step_seconds
 from flockstep.recordings.moment import Moments
 from flockstep.recordings.recording import Contents, Recording
@@ -48,6 +49,8 @@ class LiveView:
     ----------
     address
         The page, with the token that it needs.
+    names
+        Names of an env's drones in the page, the first drone's first. Default: none; their numbers are shown.
     """
 
     def __init__(self, envs: DroneVectorEnv, local_port: int, flies: bool) -> None:
@@ -67,6 +70,7 @@ class LiveView:
         self._changed = threading.Condition()
         self._flies, self._is_paused, self._is_timed, self._allowed = flies, False, flies, 0
         self._steps, self._moment, self._due = 0, 0, 0.0
+        self.names: tuple[str, ...] = ()
         self._stick_values, self._sticks_at, self._resets = (0.0, 0.0, 0.0, 0.0), -math.inf, False
         self._loop = asyncio.new_event_loop()
         self._ended = asyncio.Event()
@@ -118,19 +122,19 @@ class LiveView:
 
     # --- on the thread that steps the envs
 
-    def flown(self, actions: npt.ArrayLike | None = None, steps: int = 1) -> None:
+    def flown(self, actions: Actions = None, steps: int = 1) -> None:
         """Show the moment after steps of all envs, and wait while a page holds the program."""
         self._steps += steps
         self.begun(actions)
         if self._is_paused or self._is_timed:
             self._hold(actions, steps)
 
-    def begun(self, actions: npt.ArrayLike | None = None) -> None:
+    def begun(self, actions: Actions = None) -> None:
         """Show the moment, such as after a reset."""
         self._moment += 1
         self._show(actions)
 
-    def _show(self, actions: npt.ArrayLike | None) -> None:
+    def _show(self, actions: Actions) -> None:
         envs, moment = self._envs(), (self._moment, self._steps * self._step_s)
         if envs is None:
             return
@@ -140,7 +144,7 @@ class LiveView:
                 with suppress(RuntimeError):  # the server has just ended
                     self._loop.call_soon_threadsafe(each.moments.put_nowait, taken)
 
-    def _hold(self, actions: npt.ArrayLike | None, steps: int) -> None:
+    def _hold(self, actions: Actions, steps: int) -> None:
         with self._changed:
             while self._is_paused and self._allowed == 0:
                 self._show(actions)  # a page may have chosen another env
@@ -220,7 +224,7 @@ class LiveView:
 
     async def _say(self) -> None:
         for each in self._pages:
-            status = {"env": each.env, "paused": self._is_paused, "real_time": self._is_timed}
+            status = {"env": each.env, "paused": self._is_paused, "real_time": self._is_timed, "names": self.names}
             with suppress(Exception):  # it is closing, which its own task notices
                 await each.connection.send(json.dumps(status))
 
@@ -267,7 +271,7 @@ class _Page:
         self._due, self._moment, self._began_s = 0.0, -1, 0.0
 
     def take(
-        self, envs: DroneVectorEnv, actions: npt.ArrayLike | None, moment: int, time_s: float, is_forced: bool
+        self, envs: DroneVectorEnv, actions: Actions, moment: int, time_s: float, is_forced: bool
     ) -> tuple[Contents, bool] | None:
         """Read the moment of the watched env, and whether a flight begins with it; None if none is due."""
         source, now = self._source, time.perf_counter()
@@ -282,7 +286,7 @@ class _Page:
             source.worlds, self._ended = worlds, None
             self._source, self._contents = source, contents_of(envs, source)
         arrays, images = source.now()
-        arrays["actions"] = actions_in(envs, source, actions)
+        arrays["actions"] = actions_in(envs, source, actions() if callable(actions) else actions)
         contents = replace(
             self._contents,
             arrays={name: values[None] for name, values in arrays.items()},

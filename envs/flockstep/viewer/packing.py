@@ -155,6 +155,12 @@ def pack(recording: Recording, had: Had | None = None) -> bytes:
     return packer.packed(header)
 
 
+def header(packed: bytes) -> dict[str, Any]:
+    """Return what `pack` says of a recording beside its numbers."""
+    found: dict[str, Any] = json.loads(packed[4 : 4 + int.from_bytes(packed[:4], "little")])
+    return found
+
+
 def _columns(name: str, values: Array, recording: Recording) -> list[str]:
     width = int(np.prod(values.shape[2:], dtype=int))
     if name == "reward_terms":

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from flockstep.recordings.recording import Recording
-from flockstep.viewer.packing import pack
+from flockstep.viewer.packing import header, pack
 
 _TEMPLATE = Path(__file__).with_name("page.html")
 _PLACE = "<!-- flights -->"
-_BLOCK = '<script type="application/gzip">{}</script>'
+_BLOCK = '<script type="application/gzip"{}>{}</script>'
 
 
 def is_built() -> bool:
@@ -55,20 +55,22 @@ def flight_in(path: str | PathLike[str]) -> Recording | str:
     if suffix != ".html":
         raise ValueError(f"path: expected a name that ends with .html or .mcap, got {fspath(path)!r}")
     text = Path(path).read_bytes()
-    found = re.search(_BLOCK.format(r"([\w+/=\s]+)").encode(), text)
+    found = re.search(_BLOCK.format("[^>]*", r"([\w+/=\s]+)").encode(), text)
     if found is None or not text.rstrip().endswith(b"</html>"):  # or it was cut short
         raise ValueError(f"path: expected a page that replays a flight, got {fspath(path)!r}")
     return found[1].decode()
 
 
-def page(recordings: Sequence[Recording | str]) -> str:
+def page(recordings: Sequence[Recording | str], names: Sequence[str] = ()) -> str:
     """Return the text of a page that shows one recording, or two: the second as a ghost, or side by side.
 
-    Those of other pages are texts of `flight_in`.
+    Those of other pages are texts of `flight_in`. Two have names in the page, by default the titles of their flights.
     """
     if not 1 <= len(recordings) <= 2:
         raise ValueError(f"recordings: expected one or two, got {len(recordings)}")
-    return with_block("\n".join(_BLOCK.format(_flight(recording)) for recording in recordings))
+    said = [f' data-name="{html.escape(name)}"' for name in names] or [""] * len(recordings)
+    blocks = (_BLOCK.format(name, _flight(each)) for name, each in zip(said, recordings, strict=True))
+    return with_block("\n".join(blocks))
 
 
 def with_block(block: str) -> str:
@@ -84,9 +86,16 @@ def _flight(recording: Recording | str) -> str:
     return base64.b64encode(gzip.compress(pack(recording), 6, mtime=0)).decode()
 
 
-def write(path: str | PathLike[str], recordings: Sequence[Recording | str]) -> None:
+def worlds_of(recording: Recording | str) -> set[str]:
+    """Return the names of the worlds of a recording, or of a flight in a page."""
+    if isinstance(recording, Recording):
+        return {world.name for world in recording.worlds.values()}
+    return {world["name"] for world in header(gzip.decompress(base64.b64decode(recording)))["worlds"]}
+
+
+def write(path: str | PathLike[str], recordings: Sequence[Recording | str], names: Sequence[str] = ()) -> None:
     """Write a page, completely or not at all."""
-    text = page(recordings)
+    text = page(recordings, names)
     part = Path(f"{path}.part")
     part.write_text(text, encoding="utf-8")
     part.replace(path)

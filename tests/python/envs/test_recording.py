@@ -34,6 +34,23 @@ def test_a_film_has_a_picture_of_each_step(suffix, room, tmp_path):
     assert (pictures[0] != pictures[-1]).any()
 
 
+@pytest.mark.parametrize("suffix", ["mp4", "gif"])
+def test_an_interrupted_film_leaves_what_was_there(suffix, room, tmp_path):
+    film = tmp_path / f"flight.{suffix}"
+    film.write_bytes(b"before")
+    left = iter([0, 0])
+
+    def interrupted(observation):
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        return np.zeros(1, int)
+
+    with pytest.raises(KeyboardInterrupt):
+        flockstep.record(film, interrupted, worlds=room, steps=6, render_view="top")
+    assert film.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [film]
+
+
 @pytest.mark.parametrize(
     ("keywords", "fps"),
     [

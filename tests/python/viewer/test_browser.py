@@ -117,10 +117,54 @@ def test_two_flights_as_ghosts_and_side_by_side(tab, flight_page):
     np.testing.assert_allclose(ghost, tab.evaluate(recorded))
     tab.keyboard.press("c")
     assert tab.evaluate("flockstep.page.choice.sideBySide")
-    assert tab.is_visible("#label-b")
+    drawn(tab, "flockstep.page.seek(99)")
+    header, second = (tab.locator(part).bounding_box() for part in ("header", "#label-b"))
+    assert header["x"] + header["width"] < second["x"]
+    assert tab.inner_text("#label-b") == "B: Navigation"
+    assert tab.inner_text("#state").startswith("A: Navigation · drone 0 ")
+    assert tab.inner_text("#state-b").startswith("B: Navigation: ")
     tab.keyboard.press("g")
     assert not tab.evaluate("flockstep.page.choice.sideBySide")
     assert len(tab.screenshot()) > 50_000  # an image of one colour would be small
+
+
+def test_two_flights_have_their_names_ends_worlds_and_shadows(tab, tmp_path):
+    flights = [captured(8, worlds=world, max_episode_steps=5) for world in ("playground/train-1", "arena/hall")]
+    pages.write(tmp_path / "two.html", flights, ["first", HTML])
+    opened(tab, tmp_path / "two.html")
+    drawn(tab, "flockstep.page.seek(0.7)")
+    ends = tab.locator("#episodes button").all_inner_texts()
+    assert [text.split(": ")[:2] for text in ends] == [["● A", "first"], ["● B", HTML]]
+    assert tab.inner_text("#state-b") == f"B: {HTML}: time at 0.5 s · in another world, arena/hall"
+    assert not tab.evaluate("window.hacked")
+    lit = "flockstep.page.stage.light.sun.target.position.x"
+    alone = tab.evaluate(lit)
+    tab.evaluate(
+        """(() => {
+            const {stage} = flockstep.page, draw = stage.drawPart;
+            window.lit = [];
+            stage.drawPart = (...part) => {
+                window.lit.push(stage.light.sun.target.position.x);
+                draw.apply(stage, part);
+            };
+        })()"""
+    )
+    tab.keyboard.press("c")
+    wait(tab, "window.lit.length > 1")
+    middles = tab.evaluate("flockstep.page.stage.parts.map(({world: {bounds}}) => (bounds.min.x + bounds.max.x) / 2)")
+    assert middles[0] != middles[1]
+    np.testing.assert_allclose(tab.evaluate("window.lit.slice(0, 2)"), middles)
+    assert tab.evaluate(lit) == alone
+
+
+def test_orbit_after_follow_looks_from_the_height_again(tab, flight_page):
+    opened(tab, flight_page)
+    distance = "flockstep.page.viewer.camera.position.distanceTo(flockstep.page.viewer.controls.target)"
+    overview = tab.evaluate(distance)
+    drawn(tab, "flockstep.page.setMode('follow')")
+    assert tab.evaluate(distance) < overview / 2
+    drawn(tab, "flockstep.page.setMode('orbit')")
+    assert tab.evaluate(distance) == pytest.approx(overview)
 
 
 @pytest.mark.parametrize("scene", ["playground/train-1", "indoor/office", "race/figure-8"])

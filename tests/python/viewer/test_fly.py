@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import shutil
 import subprocess
 import sys
 import threading
@@ -66,6 +67,13 @@ def test_a_ghost_races_beside_the_hand_and_r_begins_again():
                 if envs.batch.episode[0] == 1:
                     break
     thread.join()
+
+
+def test_a_race_has_the_racer_and_other_worlds_the_default(tmp_path):
+    own = tmp_path / "own.json"
+    shutil.copy(flockstep.scenes.find("race/split-s"), own)
+    names = [made("heading_velocity", world=str(world)).batch.drone.name for world in (own, "arena/hall")]
+    assert names == ["racer5", "t650"]
 
 
 @pytest.mark.parametrize(

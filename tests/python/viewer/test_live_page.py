@@ -69,7 +69,7 @@ def test_watch_choose_pause_step_and_scrub(tab, flying):
     tab.press("#watched", "Enter")
     wait(tab, f"{FLOWN}.worlds.length === 2 && {FLOWN}.steps > 5")
     tab.click("text=Pause")
-    wait(tab, "[...document.querySelectorAll('#watch button')][0].getAttribute('aria-pressed') === 'true'")
+    tab.wait_for_selector("text=Resume")
     batch = flying.envs.batch
     wait_until(tab, lambda: flying.live._changed._waiters)  # the program stands still
     wait(tab, f"Math.abs({FLOWN}.column('position').values.at(-1) - {batch.position[3, 2]}) < 1e-6")
@@ -83,7 +83,8 @@ def test_watch_choose_pause_step_and_scrub(tab, flying):
     first = tab.evaluate(f"[...{FLOWN}.column('position').values.subarray(0, 3)]")
     drawn(tab, "flockstep.page.seek(0)")
     np.testing.assert_allclose(tab.evaluate(POSE), first, atol=1e-6)
-    tab.click("text=Pause")  # the program goes on; the page stays where it is
+    tab.click("text=Resume")  # the program goes on; the page stays where it is
+    tab.wait_for_selector("text=Pause")
     wait(tab, f"{FLOWN}.steps > {moments} + 5")
     assert tab.evaluate("flockstep.page.choice.seconds") == 0
     tab.keyboard.press("Escape")
@@ -95,7 +96,7 @@ def test_watch_choose_pause_step_and_scrub(tab, flying):
 def test_a_pause_ends_with_the_page(tab, flying):
     opened(tab, flying)
     tab.click("text=Pause")
-    wait(tab, "[...document.querySelectorAll('#watch button')][0].getAttribute('aria-pressed') === 'true'")
+    tab.wait_for_selector("text=Resume")
     assert flying.live._is_paused
     tab.goto("about:blank")
     steps = flying.envs.batch.steps.sum()
@@ -144,7 +145,21 @@ def test_a_gamepad_flies_the_drone_up_and_keys_turn_it(tab):
         wait_until(tab, lambda: envs.batch.angular_velocity[0, 2] < -0.5)  # to the right
         tab.keyboard.up("d")
         assert program.live.is_watched
+        shown = tab.evaluate("[...document.querySelectorAll('#help dt')].map(term => term.textContent)")
+        assert shown[:5] == ["W S", "A D", "↑ ↓", "← →", "R"]
+        assert len(set(shown) - {""}) == len([term for term in shown if term])  # no key stands for two things
+        assert "W A S D Q E" not in shown
         wait(tab, f"{FLOWN}.cameras.length === 1 && {FLOWN}.lidars.length === 1")
+
+
+def test_drones_have_the_names_that_the_program_gives(tab):
+    envs = flockstep.DroneVectorEnv(1, drones_per_env=2, worlds="train", num_threads=1)
+    envs.reset(seed=0)
+    with Program(envs, lambda: envs.step(envs.action_space.sample())) as program:
+        program.live.names = ("you", "<b>ghost</b>")
+        opened(tab, program)
+        wait(tab, "[...document.getElementById('drone').options].map(each => each.text).join() === 'you,<b>ghost</b>'")
+        wait(tab, "document.getElementById('state').textContent.startsWith('you ·')")
 
 
 def test_pages_of_others_may_not_connect(browser, flying):

@@ -4,6 +4,7 @@ import base64
 import gzip
 import json
 import random
+import re
 import struct
 
 import numpy as np
@@ -49,7 +50,7 @@ def varied():
 
 def header_of(text):
     """The header in the first flight of a page."""
-    data = gzip.decompress(base64.b64decode(text.split('<script type="application/gzip">')[1].split("<")[0]))
+    data = gzip.decompress(base64.b64decode(re.split(r'<script type="application/gzip"[^>]*>', text)[1].split("<")[0]))
     return json.loads(data[4 : 4 + struct.unpack("<I", data[:4])[0]]), data
 
 

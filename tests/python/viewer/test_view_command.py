@@ -1,5 +1,8 @@
 """``flockstep view``: pages from recordings, opened only where there is a display."""
 
+import html
+import re
+import shutil
 import sys
 
 import numpy as np
@@ -31,8 +34,8 @@ def files(tmp_path_factory):
 
 
 def steps_in(path):
-    blocks = path.read_text().split('<script type="application/gzip">')[1:]
-    return [header_of('<script type="application/gzip">' + block)[0]["steps"] for block in blocks]
+    blocks = path.read_text().split('<script type="application/gzip"')[1:]
+    return [header_of('<script type="application/gzip"' + block)[0]["steps"] for block in blocks]
 
 
 def test_a_recording_becomes_a_page(view, files):
@@ -54,6 +57,27 @@ def test_two_of_any_kind_become_one_page(view, files, tmp_path, kinds):
     out = tmp_path / "both.html"
     assert view(files / f"a{kinds[0]}", files / f"b{kinds[1]}", "--out", out) == (0, f"{out}\n", [])
     assert steps_in(out) == [6, 10]
+
+
+def test_two_flights_have_the_names_of_their_files(view, files, tmp_path):
+    wrong = tmp_path / "<i>&quot;.mcap"
+    shutil.copy(files / "b.mcap", wrong)
+    view(files / "a.mcap", wrong, "--out", tmp_path / "both.html")
+    names = re.findall(r'data-name="([^"]*)"', (tmp_path / "both.html").read_text())
+    assert [html.unescape(name) for name in names] == ["a", "<i>&quot;"]
+    view(tmp_path / "both.html", files / "a.mcap", "--out", tmp_path / "again.html")
+    assert steps_in(tmp_path / "again.html") == [6, 6]
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".html"])
+def test_flights_in_different_worlds_are_shown_with_a_warning(command, files, tmp_path, suffix):
+    _, elsewhere, _ = flown(steps=2, num_envs=1, worlds="arena/hall")
+    elsewhere.save(tmp_path / f"hall{suffix}")
+    status, out, said = command("view", files / "a.mcap", tmp_path / f"hall{suffix}", "--out", tmp_path / "two.html")
+    assert (status, out) == (0, f"{tmp_path / 'two.html'}\n")
+    assert "different worlds" in said
+    assert "arena/hall" in said
+    assert command("view", files / "a.mcap", files / "b.html", "--out", tmp_path / "two.html")[2] == ""
 
 
 def test_a_page_of_two_gives_its_first(view, files, tmp_path):
