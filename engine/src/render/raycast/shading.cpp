@@ -16,7 +16,6 @@
 #include <type_traits>
 
 #include "base/near_memory.hpp"
-#include "base/srgb.hpp"
 #include "base/wide-inl.hpp"
 #include "render/raycast/shaded_bodies.hpp"
 #include "render/raycast/soft_light.hpp"

@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include "base/srgb.hpp"
 #include "render/raycast/shading.hpp"
 
 namespace flockstep::render {
