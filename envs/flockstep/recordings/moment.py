@@ -51,7 +51,7 @@ class Moments:
         self.bodies: dict[tuple[int, int], World] = {}
         self._invisible: set[tuple[int, int]] = set()
         self._cameras = [camera.name for camera in batch.cameras if {"rgb", "grey"} & set(camera.outputs)]
-        self._frames = {name: np.full(self.drones, -1, np.int64) for name in self._cameras}
+        self._frames = {name: np.full((2, self.drones), -1, np.int64) for name in self._cameras}
         self._image = {name: np.full(self.drones, -1, np.int32) for name in self._cameras}
         self._images = dict.fromkeys(self._cameras, 0)
 
@@ -99,6 +99,12 @@ class Moments:
         counts = {"num_envs": self.envs, "per_env": batch.drones_per_env, "rows": self.rows}
         return {**counts, "scanners": lidars, "cameras": cameras, "reward_terms": terms}
 
+    def _episodes(self) -> Array:
+        """Return the number of each drone's episode, in which the steps of its images count from 0."""
+        episodes = np.repeat(self.batch.episode[self.slices["E"]], self.batch.drones_per_env)
+        own = self.batch.own_episodes
+        return episodes + own[self.slices["N"]] if len(own) else episodes
+
     def now(self) -> tuple[dict[str, Array], dict[str, list[bytes]]]:
         """Return the arrays, and by camera the new images as JPEG files, to which ``camera.NAME.image`` counts."""
         for env in range(self.envs):
@@ -108,12 +114,13 @@ class Moments:
         for name in self._cameras:
             camera = self.batch.camera(name)
             frame = np.array(camera.frame_step[self.slices["N"]])
-            new = np.flatnonzero((frame != self._frames[name]) & (frame >= 0))
+            frames = np.stack([frame, self._episodes()])
+            new = np.flatnonzero((frames != self._frames[name]).any(axis=0) & (frame >= 0))
             images[name] = [camera.jpeg(self.slices["N"].start + int(drone), _JPEG_QUALITY) for drone in new]
             self._image[name][new] = self._images[name] + np.arange(len(new))
             self._image[name][frame < 0] = -1
             self._images[name] += len(new)
-            self._frames[name] = frame
+            self._frames[name] = frames
             arrays[f"camera.{name}.image"] = self._image[name].copy()
         return arrays, images
 

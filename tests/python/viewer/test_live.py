@@ -21,6 +21,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 import flockstep
+from flockstep.recordings.moment import Moments
 from flockstep.viewer import page
 
 pytestmark = pytest.mark.skipif(not page.is_built(), reason="no page: this build had no Node.js")
@@ -234,6 +235,18 @@ def test_images_are_numbered_through():
         watcher.until(lambda: len(watcher.moments) > 5)
         numbers = [int(moment["camera.front.image"][0, 0]) for moment in watcher.moments]
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
+def test_an_image_of_the_next_episode_is_another_one():
+    camera = flockstep.CameraConfig(name="front", width_px=16, height_px=12)
+    envs = made(1, camera=camera, max_episode_steps=1)
+    moments = Moments(envs.batch)
+    numbers = []
+    for _ in range(4):
+        numbers.append(int(moments.now()[0]["camera.front.image"][0]))
+        envs.step([2])  # ends the episode
+        envs.step([2])  # begins the next one, whose first image has the same step
+    assert numbers == [0, 1, 2, 3]
 
 
 def test_strangers_get_nothing():
