@@ -49,7 +49,8 @@ struct HoverConfig {
                 {"crash", "-``crash_weight`` if the episode ends as a failure"},
             },
         .end =
-            "A contact, or d > ``max_distance_m``, ends an episode as a failure. An episode without a failure is a success if d is "
+            "A contact, or d > ``max_distance_m``, ends an episode as a failure. An episode without a failure is a success if d "
+            "is "
             "at most ``hold_m`` in every step of its last ``hold_s``.",
         .view = "third_person",
         .overlay = "target",

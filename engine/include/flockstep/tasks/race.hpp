@@ -62,7 +62,8 @@ struct RaceConfig {
                 {"crash", "-``crash_weight`` on a failure"},
             },
         .end =
-            "A contact, a missed gate, or a distance above ``max_distance_m`` from the next gate ends an episode as a failure. It "
+            "A contact, a missed gate, or a distance above ``max_distance_m`` from the next gate ends an episode as a failure. "
+            "It "
             "ends as a success after the last gate of the last of ``laps`` laps.",
         .view = "third_person",
         .overlay = "gate",
@@ -116,8 +117,9 @@ struct RaceConfig {
             {.about = "A drone misses a gate if it crosses its plane outside the opening but within this distance of its centre.",
              .unit = "m",
              .limits = at_least(0)}),
-        field("max_distance_m", &C::max_distance_m,
-              {.about = "Distance from the next gate beyond which an episode ends as a failure.", .unit = "m", .limits = above(0)}),
+        field(
+            "max_distance_m", &C::max_distance_m,
+            {.about = "Distance from the next gate beyond which an episode ends as a failure.", .unit = "m", .limits = above(0)}),
         field("observation_scale", &C::observation_scale,
               {.about = "Factor of observed offsets, velocities and angular velocities.", .limits = above_up_to(0, 1000)}),
         field("speed_cap_mps", &C::speed_cap_mps,

@@ -65,7 +65,8 @@ struct TrackConfig {
                 {"crash", "-``crash_weight`` if the episode ends as a failure"},
             },
         .end =
-            "A contact, or d > ``max_distance_m``, ends an episode as a failure. An episode without a failure is a success if the "
+            "A contact, or d > ``max_distance_m``, ends an episode as a failure. An episode without a failure is a success if "
+            "the "
             "root mean square of d over all its steps is at most ``close_m``.",
         .view = "third_person",
         .overlay = "target",
