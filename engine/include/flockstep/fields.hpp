@@ -73,32 +73,32 @@ constexpr const Field& at(const FieldAt<I, Field>& entry) {
   return entry.field;
 }
 
-}  // namespace detail
-
 // A list of entries. A std::tuple would check for each how it may be constructed, which is a tenth of the compiler's time.
 template <class Indices, class... Fields>
 struct FieldList;
 template <std::size_t... I, class... Fields>
-struct FieldList<std::index_sequence<I...>, Fields...> : detail::FieldAt<I, Fields>... {
+struct FieldList<std::index_sequence<I...>, Fields...> : FieldAt<I, Fields>... {
   static constexpr std::size_t kSize = sizeof...(Fields);
 
   // Calls f with all entries.
   template <class F>
   constexpr decltype(auto) apply(F&& f) const {
-    return std::forward<F>(f)(detail::at<I>(*this)...);
+    return std::forward<F>(f)(at<I>(*this)...);
   }
 
   // Returns entry K.
   template <std::size_t K>
   constexpr const auto& get() const {
-    return detail::at<K>(*this);
+    return at<K>(*this);
   }
 };
+
+}  // namespace detail
 
 // Returns a list of entries.
 template <class... Fields>
 constexpr auto field_list(const Fields&... fields) {
-  return FieldList<std::index_sequence_for<Fields...>, Fields...>{{fields}...};
+  return detail::FieldList<std::index_sequence_for<Fields...>, Fields...>{{fields}...};
 }
 
 template <class T>

@@ -159,6 +159,7 @@ struct CameraConfig {
                         "if all do."}));
   }
 
+  // True if images need rays for ambient occlusion or for a sun of some size.
   bool has_soft_light() const { return ambient_occlusion_rays > 0 || sun_size_deg > 0.0F; }
   FLOCKSTEP_API void validate() const;
   FLOCKSTEP_API float fx() const;  // px
