@@ -239,7 +239,8 @@ def tables(spec: str, results: Results) -> str:
             written.append(pivot(cells, corner))
     if all("source" in results[name] for name in used):  # or there is none
         return "Not measured yet.\n"
-    written.insert(0, "\n".join(source(results[name], which) + "\n" for name, which in used.items()))
+    sources = dict.fromkeys(source(results[name], which) + "\n" for name, which in used.items())
+    written.insert(0, "\n".join(sources))
     return "\n".join(written)
 
 
