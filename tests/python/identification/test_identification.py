@@ -1,6 +1,6 @@
 """Drones from flight logs: the numbers of drones that the engine flew come back, within their intervals.
 
-The extracts of logs of real Crazyflies are listed in THIRD_PARTY.md. `./dev bench reality` fits and predicts whole ones.
+THIRD_PARTY.md lists the extracts of logs of real Crazyflies. `./dev bench reality` fits and predicts whole ones.
 """
 
 import json
