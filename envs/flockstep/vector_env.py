@@ -67,9 +67,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes, Sho
         these; or a `WorldPool`, from which each episode draws one. Default: ``"train"``, or ``"camera-train"`` for
         camera tasks; a `Task` declares its own.
     task
-        The configuration of a built-in task, your own `Task` (an object, or its class), or a `NativeTask` in C++. Default:
-        navigation, by keywords. With `gymnasium.make_vec`, the time limit registered for the env's id applies, unless
-        ``max_episode_steps`` is also given.
+        The configuration of a built-in task, your own `Task` (an object, or its class), or a `NativeTask` in C++.
+        Default: navigation, by keywords. With `gymnasium.make_vec`, the time limit registered for the env's id applies,
+        unless ``max_episode_steps`` is also given.
     observation
         Observation of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     drone
