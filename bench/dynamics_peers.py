@@ -1,13 +1,12 @@
 """Comparison with other quadrotor simulators: `./dev bench dynamics_peers`.
 
-Each one is installed by pip into its own virtual environment under out/peers/, and its Python runs its file in
-bench/peers/ on one pinned processor. It measures the speed in the fastest mode, and the state of the same quadrotor
-after one second of given rotor speeds. The environments contain nothing of flockstep.
+Each one is installed by pip into its own virtual environment under out/peers/, and its Python runs its function in
+bench/peers/simulators.py on one pinned processor. It measures the speed in the fastest mode, and the state of the same
+quadrotor after one second of given rotor speeds. The environments contain nothing of flockstep.
 """
 
 from __future__ import annotations
 
-import importlib
 import json
 import sys
 from collections.abc import Iterator
@@ -18,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from peers import RUNS, Told, ask, of_each, rate
+from peers import RUNS, Told, ask, of_each, rate, simulators
 from peers.cases import DRONES, PHYSICS_HZ, POLICY_HZ, TICKS, Flown, Quadrotor
 from timing import Figure
 
@@ -184,5 +183,5 @@ def measure() -> list[Figure]:
 
 if __name__ == "__main__":
     name, told = sys.argv[1:]
-    fly = of_flockstep if name == "flockstep" else importlib.import_module(f"peers.{name}").fly
+    fly = of_flockstep if name == "flockstep" else getattr(simulators, f"of_{name}")
     print("\n" + json.dumps(asdict(fly(Quadrotor(**json.loads(told))))))

@@ -1,13 +1,12 @@
 """Comparison with other ray casters on the same triangles: `./dev bench mesh_peers`.
 
-Each one is installed by pip into its own virtual environment under out/peers/, and its Python runs its file in
-bench/peers/ on one pinned processor. It measures the rays per second of each mode, and the number of distances that
-differ from ours. The environments contain nothing of flockstep except a file of triangles and rays.
+Each one is installed by pip into its own virtual environment under out/peers/, and its Python runs its function in
+bench/peers/ray_casters.py on one pinned processor. It measures the rays per second of each mode, and the number of
+distances that differ from ours. The environments contain nothing of flockstep except a file of triangles and rays.
 """
 
 from __future__ import annotations
 
-import importlib
 import json
 import sys
 import tempfile
@@ -21,7 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from peers import HOMES, RUNS, Told, ask, of_each, rate
+from peers import HOMES, RUNS, Told, ask, of_each, rate, ray_casters
 from peers.cases import FAR_M, SENSORS, Array, Cast, Mode, Rays
 from timing import Figure, Median, median_ratio
 
@@ -101,11 +100,11 @@ def sensing(world: Any, case: Rays, sensor: str, tracer: str) -> Cast:
 
 def find(peer: str, files: list[Path], compare: bool) -> Found:
     """Measure all modes of a peer once and, if requested, count the differing distances."""
-    module = importlib.import_module(f"peers.{peer}") if peer != "flockstep" else None
-    found = Found(version(PEERS[peer][0] if module else peer))
+    modes_of = of_flockstep if peer == "flockstep" else getattr(ray_casters, f"of_{peer}")
+    found = Found(version(PEERS.get(peer, [peer])[0]))
     for file in files:
         case = Rays.load(file)
-        modes = module.trace(case) if module else of_flockstep(case)
+        modes = modes_of(case)
         for sensor, ours in case.distances.items():
             name = f"{file.stem}, {sensor}"
             found.per_second[name], found.differing[name] = {}, {}

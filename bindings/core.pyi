@@ -49,6 +49,8 @@ generated_scenes: tuple[str, ...]
 """Names of the scenes that are generated instead of loaded."""
 scene_generators: tuple[str, ...]
 """Names of the generators, which stand before ``/seed-7`` in the name of a scene."""
+_renamed: dict[str, str]
+"""Names that were renamed, with the present ones."""
 
 # configurations
 

@@ -79,6 +79,9 @@ PYBIND11_MODULE(_core, module) {
         return std::string(flockstep::nearest_name(name, std::vector<std::string_view>(known.begin(), known.end())));
       },
       pybind11::arg("name"), pybind11::arg("known"));
+  pybind11::dict renamed;
+  for (const auto& [former, present] : flockstep::renamed()) renamed[pybind11::str(former)] = present;
+  module.attr("_renamed") = renamed;
   flockstep::bindings::document(module);
   flockstep::bindings::refuse_uninitialised_objects(module);
 }

@@ -23,7 +23,7 @@ from flockstep.pictures.stage import Stage
 from flockstep.registration import make_flown
 from flockstep.relight import DARK_LIGHT
 from flockstep.rotations import rotate
-from flockstep.trainings.table import LAPS
+from flockstep.trainings.varied import RACED
 from tools.film import FINER, Color, Frame, Shot, add_floor, steps_of, write_captions
 from tools.flight_film import beside
 
@@ -69,9 +69,8 @@ class Flight:
 
 def flown(policy: Any, seed: int, *, by_firmware: bool = False) -> Flight:
     """Fly the first episode from this seed on that starts behind gate 0."""
-    task = flockstep.RaceConfig(start="gate", laps=LAPS)
     through = "betaflight" if by_firmware else None
-    envs = make_flown("film", task, 1, through, ends_stay=True, worlds=TRACK, max_episode_steps=3000)
+    envs = make_flown("film", RACED, 1, through, ends_stay=True, worlds=TRACK, max_episode_steps=3000)
     for start in itertools.count(seed):
         envs.reset(seed=start)
         if envs.batch.task_state["target"][0] == 1:
@@ -91,7 +90,7 @@ class Scene:
     """The track and the drone, seen from a fixed place."""
 
     def __init__(self, size_px: tuple[int, int]) -> None:
-        batch = flockstep.DroneVectorEnv(1, task=flockstep.RaceConfig(), worlds=TRACK).batch
+        batch = flockstep.DroneVectorEnv(1, task=RACED, worlds=TRACK).batch
         self.world = batch.worlds[0]
         self.gates = list(self.world.gates)
         self.size_px = size_px

@@ -21,6 +21,7 @@ from scipy.optimize import minimize
 
 import flockstep
 from flockstep.rotations import rotate
+from flockstep.trainings.varied import RACED
 
 Array = npt.NDArray[Any]
 
@@ -35,7 +36,7 @@ class Args:
 
     worlds: tyro.conf.Positional[tuple[str, ...]] = ("race/figure-8", "race/split-s", "race/warehouse")
     """Names or paths of worlds with gates."""
-    thrust_to_weight: float = flockstep.RaceConfig().max_thrust_to_weight
+    thrust_to_weight: float = RACED.max_thrust_to_weight
     """Largest thrust over the weight."""
     parts: int = 8
     """Intervals of constant thrust from one gate to the next."""

@@ -21,6 +21,7 @@ import flockstep
 from dynamics_peers import PEERS
 from peers import ask, python_of
 from timing import Figure, figure
+from transfer.flights import OWNERS
 
 HERE = Path(__file__).resolve().parent
 POLICIES: dict[str, dict[str, Any]] = {
@@ -38,7 +39,6 @@ SIMULATORS = {
     ("rotorpy", "hummingbird"): ["se3"],
     ("rotorpy", "hummingbird, k_w=20"): ["hover_varied"],
 }
-OWNERS = {"se3": "rotorpy", "mellinger": "crazyflow"}
 SUCCESS_M, HELD_M = 0.1, 0.5
 
 

@@ -26,6 +26,7 @@ FLIGHTS, TICKS_HZ = 100, 500
 HOVER_S, TRACK_S = 6.0, 10.0
 POINT = np.array([0.0, 0.0, 50.0])  # m, far from any floor
 MAX_RATE_RADPS = np.radians([600.0, 600.0, 200.0])  # of a body rate action of 1
+OWNERS = {"se3": "rotorpy", "mellinger": "crazyflow"}  # the simulators that the controllers are from
 PATH_M, SPEED_MPS, AHEAD_S, POINTS = 1.0, 1.5, 0.1, 5  # of Track
 
 
@@ -187,7 +188,7 @@ def fly(module: str, drone: str, pilot: str, folder: Path) -> dict[str, list[flo
         if told:
             act: Callable[[State, float], None] = Policy(pilot, folder, simulator, target)
         else:
-            act = importlib.import_module(f"by_{pilot}").Controller(drone, simulator, target, start)
+            act = importlib.import_module(f"of_{OWNERS[pilot]}").Controller(drone, simulator, target, start)
         distances = []
         steps = round(seconds * hz)
         for step in range(steps):

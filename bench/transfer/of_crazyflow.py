@@ -1,4 +1,4 @@
-"""Crazyflow, for flights.py.
+"""Crazyflow and its Mellinger controller, that of the Crazyflie's firmware, for flights.py.
 
 Its quaternions are x y z w, its speeds rpm, its rotors front right, rear right, rear left, front left.
 """
@@ -9,6 +9,8 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from crazyflow.control import parametrize
+from crazyflow.control.mellinger import attitude2force_torque, force_torque2rotor_vel, state2attitude
 from crazyflow.dynamics import load_params
 from crazyflow.sim import Sim
 from flights import FLIGHTS, TICKS_HZ, State
@@ -16,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 THEIRS, OURS = [0, 3, 1, 2], [0, 2, 3, 1]  # our rotor of each of theirs, and back
 RPM = 60 / (2 * np.pi)
+CONTROLLED = "cf2x_L250"  # whose data our crazyflie has
 
 
 class Simulator:
@@ -82,3 +85,28 @@ class Simulator:
         told = np.column_stack([rates, thrust])
         self.sim.body_rate_control(jnp.asarray(told, jnp.float32)[:, None])
         self.sim.step(self.ticks)
+
+
+class Controller:
+    """Follows the target, with the heading of the start: its position at 100 Hz, by attitude at 500 Hz."""
+
+    def __init__(self, drone: str, simulator: Any, target: Any, start: State) -> None:
+        del drone
+        functions = (state2attitude, attitude2force_torque, force_torque2rotor_vel)
+        self.position, self.attitude, self.mixer = (parametrize(function, CONTROLLED) for function in functions)
+        self.simulator, self.target = simulator, target
+        yaw = np.arctan2(start.rotation[:, 1, 0], start.rotation[:, 0, 0])
+        self.heading = Rotation.from_euler("z", yaw[:, None]).as_quat().reshape(FLIGHTS, 4)
+        self.steps, self.sums, self.turned, self.before = 0, None, None, None
+
+    def __call__(self, state: State, time_s: float) -> None:
+        """Fly a tick."""
+        quat = Rotation.from_matrix(state.rotation).as_quat()
+        if self.steps % 5 == 0:
+            x, v, a = self.target.at(time_s)
+            told = np.concatenate([x, v, a, self.heading, np.zeros((FLIGHTS, 3))], axis=1)
+            self.told, self.sums = self.position(state.position, quat, state.velocity, told, self.sums, 100)
+        force, torque, self.turned = self.attitude(quat, state.rates, self.told, self.before, self.turned, 500)
+        self.before, self.steps = state.rates.copy(), self.steps + 1
+        speeds = np.asarray(self.mixer(force, torque))[:, OURS] / RPM
+        self.simulator.fly_speeds(speeds)

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from gymnasium import spaces
 
+from flockstep._core import _renamed
 from flockstep.task import _PROVIDED, Task, _name
 
 #: Attributes that a subclass may declare and methods that it may override.
@@ -84,7 +85,7 @@ def _is_near(name: str, value: Any, meant: str) -> bool:
 
 
 #: Names that other packages, or earlier versions, give to attributes of tasks.
-_OTHER_NAMES = {"meet": "interaction"} | dict.fromkeys(
+_OTHER_NAMES = _renamed | dict.fromkeys(
     ("episode_length", "max_episode_length", "max_ep_len", "time_limit", "horizon"), "max_episode_steps"
 )
 

@@ -40,7 +40,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes, Sho
     """Many drone envs stepped by one call, with a task of the engine or your own `Task`.
 
     The built-in tasks are navigation, which is the default, and those of the other ids of Gymnasium that begin with
-    ``flockstep/``. Each has a configuration that describes it: `HoverConfig` is the task of ``flockstep/Hover-v0``. The
+    ``flockstep/``. Each has a configuration that describes it, whose class has its name and ends in ``Config``. The
     navigation tasks differ in their observations and therefore in their defaults: 35 beams over 270 degrees with a
     range of 3 m, or, for the two camera tasks, 20 beams over 180 degrees and a camera of 64 x 48 pixels over 90
     degrees, facing forward.
@@ -67,9 +67,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes, Sho
         these; or a `WorldPool`, from which each episode draws one. Default: ``"train"``, or ``"camera-train"`` for
         camera tasks; a `Task` declares its own.
     task
-        The configuration of a built-in task, such as a `HoverConfig`, your own `Task` (an object, or its class), or a
-        `NativeTask` in C++. Default: navigation, by keywords. With `gymnasium.make_vec`, the time limit registered for
-        the env's id applies, unless ``max_episode_steps`` is also given.
+        The configuration of a built-in task, your own `Task` (an object, or its class), or a `NativeTask` in C++.
+        Default: navigation, by keywords. With `gymnasium.make_vec`, the time limit registered for the env's id applies,
+        unless ``max_episode_steps`` is also given.
     observation
         Observation of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     drone

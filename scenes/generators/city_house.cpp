@@ -1,4 +1,4 @@
-#include "generators/city_house.hpp"
+#include "generators/city_parts.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "generators/city_surfaces.hpp"
+#include "generators/city_parts.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,9 +1,7 @@
-#include "generators/city_things.hpp"
+#include "generators/city_parts.hpp"
 
 #include <array>
 #include <vector>
-
-#include "generators/city_surfaces.hpp"
 
 namespace flockstep::streets {
 namespace {

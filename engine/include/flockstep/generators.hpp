@@ -190,7 +190,7 @@ struct RaceTrackConfig {
 // m. The ways to and from a gate make at most 60 degrees with its direction, seen from above, and climb by at most 40 %. A
 // racer5 can fly straight from the centre of each gate to that of the next; the generator checks this path in the
 // finished world. A gate's direction is level and halfway between these two ways, so the gate before lies behind it and outside
-// of its miss zone (RaceConfig::miss_m). The start is before the first gate, the goal behind it. Throws std::invalid_argument on
+// of its miss zone (miss_m of Race). The start is before the first gate, the goal behind it. Throws std::invalid_argument on
 // a bad config, or if many layouts have no such loop.
 FLOCKSTEP_API std::shared_ptr<const World> race_track(const RaceTrackConfig& config);
 

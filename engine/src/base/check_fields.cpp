@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 
 #include "base/require.hpp"
 
@@ -14,6 +15,25 @@ void check(Number value, const Limits& limits, const std::string& name) {
 }
 
 }  // namespace
+
+std::string Limits::text() const {
+  std::ostringstream text;
+  text.precision(10);
+  const bool has_least = std::isfinite(least), has_greatest = std::isfinite(greatest);
+  if (num_choices > 0) {
+    for (std::size_t i = 0; i < num_choices; ++i) text << (i == 0 ? "" : i + 1 == num_choices ? " or " : ", ") << choices[i];
+  } else if (has_least && least == -greatest && !excludes_least && !excludes_greatest) {
+    text.precision(6);
+    text << "within +-" << greatest;
+  } else if (has_least && has_greatest) {
+    text << "in " << (excludes_least ? '(' : '[') << least << ", " << greatest << (excludes_greatest ? ')' : ']');
+  } else if (has_least) {
+    text << (excludes_least ? "> " : ">= ") << least;
+  } else if (has_greatest) {
+    text << (excludes_greatest ? "< " : "<= ") << greatest;
+  }
+  return text.str();
+}
 
 std::string expected_number(const Limits& limits, bool is_integer) {
   const std::string text = limits.text();

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
-#include <utility>
 #include <vector>
 
 namespace flockstep {
@@ -72,6 +71,8 @@ double name_similarity(std::string_view a, std::string_view b) {
   const std::size_t both = a.size() + b.size();
   return both == 0 ? 1.0 : 2.0 * static_cast<double>(matched(a, b)) / static_cast<double>(both);
 }
+
+std::span<const std::pair<std::string_view, std::string_view>> renamed() { return kRenamed; }
 
 std::string_view nearest_name(std::string_view name, std::span<const std::string_view> known) {
   for (const auto& [former, present] : kRenamed) {

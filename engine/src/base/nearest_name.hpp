@@ -5,6 +5,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace flockstep {
@@ -13,6 +14,9 @@ namespace flockstep {
 // Obershelp: twice the length of their longest common substring, and recursively of those to its left and right, over the total
 // length of both names. For names of less than 200 characters the result equals ratio() of Python's difflib.SequenceMatcher.
 double name_similarity(std::string_view a, std::string_view b);
+
+// Returns the public names that were renamed, each with the present one.
+std::span<const std::pair<std::string_view, std::string_view>> renamed();
 
 // Returns the most similar known name; of a known path, the last part also counts: hall is similar to
 // arena/hall. lr is similar to learning_rate. Returns an empty string if no similarity reaches 0.6, or if the name is longer than

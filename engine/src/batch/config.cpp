@@ -9,7 +9,7 @@
 #include "base/require.hpp"
 #include "batch/growth.hpp"
 #include "bodies/body_model.hpp"
-#include "dynamics/shown_parameters.hpp"
+#include "dynamics/parameters.hpp"
 #include "sensors/sensor.hpp"
 
 namespace flockstep {

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "base/random.hpp"
-#include "dynamics/shown_parameters.hpp"
+#include "dynamics/parameters.hpp"
 #include "flockstep/array_visitor.hpp"
 #include "flockstep/buffer.hpp"
 #include "flockstep/config.hpp"

@@ -1,4 +1,4 @@
-// Variations: draws the parameters of drones; and the airframe that a drone's parameters make of its own.
+// Parameters of drones: the variations that draw them, the airframe that they make of a drone's own, and those that it observes.
 #pragma once
 
 #include <cstddef>
@@ -9,8 +9,10 @@
 
 #include "base/random.hpp"
 #include "flockstep/airframe.hpp"
+#include "flockstep/buffer.hpp"
 #include "flockstep/drones/variation.hpp"
 #include "flockstep/episode.hpp"
+#include "flockstep/index.hpp"
 #include "flockstep/state.hpp"
 
 namespace flockstep::dynamics {
@@ -78,5 +80,29 @@ inline std::span<const float, kNumParameters> floats_of(const DroneParameters& p
 
 // Throws std::invalid_argument unless each number is within the limits of its field; `name` precedes the field's name.
 void check_parameters(std::span<const float> parameters, const std::string& name);
+
+// Some of the floats of DroneParameters as numbers of an observation: their differences from the defaults.
+class ShownParameters {
+ public:
+  // Throws std::invalid_argument if a name is unknown, or stands for a float that an earlier one stands for. num_rotors: of the
+  // drones.
+  explicit ShownParameters(std::span<const std::string> names, std::size_t num_rotors = kMaxRotors);
+
+  bool empty() const { return numbers_.empty(); }
+  std::size_t size() const { return numbers_.size(); }  // floats of a drone
+  // A vector of the floats of some drones, one after another.
+  Field field(std::size_t drones) const;
+  template <class T>
+  void write(const State& state, DroneIndex drone, T* to) const {
+    const float* const params = state.parameters.params.data() + kNumParameters * drone;
+    for (std::size_t i = 0; i < size(); ++i) {
+      to[i] = static_cast<T>(static_cast<double>(params[numbers_[i]]) - defaults_[i]);
+    }
+  }
+
+ private:
+  std::vector<std::size_t> numbers_;  // in DroneParameters
+  std::vector<double> defaults_;
+};
 
 }  // namespace flockstep::dynamics

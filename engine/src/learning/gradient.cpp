@@ -15,7 +15,6 @@
 #include "base/require.hpp"
 #include "batch/simulation.hpp"
 #include "flockstep/batch.hpp"
-#include "learning/gradient_window.hpp"
 #include "learning/late_commands.hpp"
 #include "learning/learner_parts.hpp"
 #include "learning/step_pilot.hpp"

@@ -13,7 +13,6 @@
 #include "base/finite.hpp"
 #include "base/platform.hpp"
 #include "base/require.hpp"
-#include "learning/gradient_window.hpp"
 #include "learning/learner_parts.hpp"
 #include "learning/network.hpp"
 

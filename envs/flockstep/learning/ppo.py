@@ -37,10 +37,10 @@ class PPO(Arguments):
     engine's tasks stay in the engine; your own tasks, any Gymnasium vector env and any ``VecEnv`` work, too. Results
     are bit-identical for any number of threads. Policies with images or memory need Stable-Baselines3.
 
-    >>> envs = flockstep.DroneVectorEnv(512, task=flockstep.HoverConfig(), autoreset_mode="same_step")
+    >>> envs = gymnasium.make_vec("flockstep/Hover-v0", num_envs=512, autoreset_mode="same_step")
     >>> model = flockstep.PPO("MlpPolicy", envs, n_steps=32, batch_size=4096, n_epochs=5, learning_rate=3e-3)
     >>> model.learn(1_600_000, progress_bar=True)
-    >>> model.save("hover")
+    >>> model.save("policy")
 
     Parameters
     ----------

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from flockstep._core import RaceConfig, TrackConfig
+from flockstep._core import TrackConfig
 from flockstep.rotations import rotate
 from flockstep.trainings.flying import Flyer
 from flockstep.trainings.training import Array, Measure
@@ -16,6 +16,12 @@ CLOSE_M = 0.05
 """Error of a successful flight of Hover or Track."""
 FORMATION_STEP_M = 0.15
 """Way of a full action of Formation."""
+PURSUIT_GAIN = 3.0
+"""1/s, from a difference in velocity to an acceleration."""
+PURSUIT_TURN = 8.0
+"""1/s, from an angle to an angular velocity."""
+PURSUIT_AHEAD = 0.6
+"""Distance of the aim before the gate, over that of the drone."""
 
 
 class PointError(Measure):
@@ -109,47 +115,34 @@ def velocity_control(task: TrackConfig, point: int, gain: float, towards: int = 
     return Flyer(act, {"task": task, "control": "velocity"})
 
 
-class Pursuit:
-    """A controller that flies through the next gate of Race by a policy's observation, at about one speed.
+def pursuit(speed_mps: float) -> Flyer:
+    """Fly through the next gate of Race by a policy's observation, at about one speed.
 
     It aims at a point on the gate's axis, the closer to the gate the closer the drone is. From the desired acceleration
     follow the thrust and the direction of the drone's z axis, and from that the rates.
-
-    Parameters
-    ----------
-    speed_mps
-        Desired speed.
-    config
-        The task, for the scales of observation and actions.
     """
 
-    GAIN = 3.0  # 1/s, from a difference in velocity to an acceleration
-    TURN = 8.0  # 1/s, from an angle to an angular velocity
-    AHEAD = 0.6  # distance of the aim before the gate, over that of the drone
-
-    def __init__(self, speed_mps: float, config: RaceConfig | None = None) -> None:
-        self.speed_mps, self.config = speed_mps, config or RaceConfig()
-
-    def __call__(self, observation: Array) -> Array:
-        """Return actions (N, 4) for observations (N, 25)."""
-        scale = self.config.observation_scale
+    def act(observation: Array, envs: DroneVectorEnv) -> Array:
+        task: Any = envs.task
+        scale, most = task.observation_scale, task.max_thrust_to_weight
         offset, normal = observation[:, 0:3] / scale, observation[:, 3:6]
-        own = observation[:, 6 * self.config.gates_ahead :]
+        own = observation[:, 6 * task.gates_ahead :]
         velocity, up = own[:, 0:3] / scale, own[:, 3:6]
         before = (offset * normal).sum(axis=1, keepdims=True)  # m along the axis to the gate's plane
-        aim = offset - np.where(before > 0, self.AHEAD * before - 0.5, 2.0) * normal
+        aim = offset - np.where(before > 0, PURSUIT_AHEAD * before - 0.5, 2.0) * normal
         way = aim / np.maximum(np.linalg.norm(aim, axis=1, keepdims=True), 1e-6)
-        force = self.GAIN * (self.speed_mps * way - velocity) / 9.81 + up  # over the weight
+        force = PURSUIT_GAIN * (speed_mps * way - velocity) / 9.81 + up  # over the weight
         thrust = np.linalg.norm(force, axis=1)
         direction = force / np.maximum(thrust, 1e-6)[:, None]
         actions = np.zeros((len(observation), 4), np.float32)
-        most = self.config.max_thrust_to_weight
         along = np.maximum(force[:, 2], 0.0)
         actions[:, 0] = np.where(along > 1, (along - 1) / (most - 1), along - 1)
         roll, pitch = -direction[:, 1], direction[:, 0]  # the cross product of the z axis and the direction
-        actions[:, 1], actions[:, 2] = self.TURN * roll / 8.0, self.TURN * pitch / 8.0
+        actions[:, 1], actions[:, 2] = PURSUIT_TURN * roll / 8.0, PURSUIT_TURN * pitch / 8.0
         actions[:, 3] = 2.0 * np.arctan2(offset[:, 1], offset[:, 0]) / 4.0
         return np.asarray(np.clip(actions, -1, 1))
+
+    return Flyer(act)
 
 
 def straight_by_steps(observation: Array) -> Array:

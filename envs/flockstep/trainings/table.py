@@ -18,7 +18,6 @@ from flockstep._core import (
     HoverConfig,
     NavigationReward,
     ObservationConfig,
-    RaceConfig,
     TrackConfig,
     World,
 )
@@ -30,7 +29,6 @@ WAREHOUSES = 16
 """Generated warehouses for training, and for the flights that judge. One takes about 20 MB."""
 CAMERA_HEIGHT_M, CAMERA_SIDEWAYS_M = 3.12, 2.5
 """Height of the camera task's playgrounds, and how far to the side their goals are at most."""
-LAPS = 3
 FORMATION_STEPS = {"hall": 300, "playground": 400, "warehouse": 1500}
 
 
@@ -119,7 +117,7 @@ def _camera_judged(flights: int, seed: int) -> dict[str, Keywords]:
 
 def _race(flights: int, seed: int, **keywords: Any) -> dict[str, Keywords]:
     del flights, seed
-    return {"": {"task": RaceConfig(start="gate", laps=LAPS), "max_episode_steps": 3000, **keywords}}
+    return {"": {"task": varied.RACED, "max_episode_steps": 3000, **keywords}}
 
 
 def _dodge(flights: int, seed: int) -> dict[str, Keywords]:
@@ -166,7 +164,7 @@ def _formation_worlds() -> list[World]:
 
 
 _TRACK = TrackConfig(points=10)
-_PURSUITS = {"controller": [flyers.Pursuit(float(speed)) for speed in np.arange(2.0, 10.1, 0.5)]}
+_PURSUITS = {"controller": [flyers.pursuit(float(speed)) for speed in np.arange(2.0, 10.1, 0.5)]}
 _POINT = {"log_std_init": -1.5, "features_extractor_class": "PointFeatures"}
 _TEAM = {"net_arch": [128, 128], "log_std_init": -0.7}
 
@@ -261,11 +259,11 @@ TRAININGS: dict[str, Training] = {
         },
         learns=lambda: {"worlds": [varied.narrowed(World.load("race/figure-8"))]},
         judged=functools.partial(_race, worlds="race/figure-8"),
-        measure=functools.partial(flyers.Laps, laps=LAPS),
+        measure=functools.partial(flyers.Laps, laps=varied.RACED.laps),
         figures={"lap_s": ("", "lap_s"), "speed_mps": ("", "speed_mps")},
         baselines=_PURSUITS,
         film={
-            "task": RaceConfig(start="gate", laps=LAPS),
+            "task": varied.RACED,
             "steps": 3000,
             "max_episode_steps": 3000,
             "render_view": ((-10.5, -8.5, 7.7), (0.5, 0.5, 1.0)),  # of the figure-8 from a corner of its hall
@@ -365,7 +363,7 @@ TRAININGS["race_unseen"] = replace(
     },
     judged=lambda flights, seed: _race(flights, seed, worlds=worlds("race_track", _range(seed, flights))),
     film={
-        "task": RaceConfig(start="gate", laps=LAPS),
+        "task": varied.RACED,
         "steps": 3000,
         "max_episode_steps": 3000,
         "worlds": "race_track/seed-1000000",

@@ -36,6 +36,8 @@ MEMORY = ObservationConfig(history=2, past_actions=2)
 LONGER_MEMORY = ObservationConfig(history=3, past_actions=2)
 NARROWER_M = 0.15
 """How much narrower the gates are in training: a policy that learns in them keeps away from the frames of others."""
+RACED = RaceConfig(start="gate", laps=3)
+"""Race as policies are judged."""
 QUICK = ControllerConfig(rate_gain_per_s=25.0, lead=1.0)
 WIDTHS = (10, 20, 30, 40)
 """Percent by which each number of a racer may be off."""
@@ -152,7 +154,7 @@ _HOVER = Training(
 
 def raced(observed: ObservationConfig) -> Callable[[int, int], Mapping[str, Keywords]]:
     """Return the flights that judge a race policy with these observations, on drones alike and on others."""
-    track: Keywords = {"task": RaceConfig(start="gate", laps=3), "worlds": "race/figure-8", "max_episode_steps": 3000}
+    track: Keywords = {"task": RACED, "worlds": "race/figure-8", "max_episode_steps": 3000}
     track |= {"observed": observed}
     kinds = {
         "alike": track,
@@ -174,11 +176,11 @@ _RACE = Training(
         "policy_kwargs": {"log_std_init": -0.7, "net_arch": [96, 96]},
     },
     judged=raced(LONGER_MEMORY),
-    measure=functools.partial(flyers.Laps, laps=3),
+    measure=functools.partial(flyers.Laps, laps=RACED.laps),
     figures=_reports(["alike", "quick", *map(str, WIDTHS)], "success", "lap_s"),
-    baselines={"controller": [flyers.Pursuit(float(speed)) for speed in np.arange(2.0, 10.1, 0.5)]},
+    baselines={"controller": [flyers.pursuit(float(speed)) for speed in np.arange(2.0, 10.1, 0.5)]},
     film={
-        "task": RaceConfig(start="gate", laps=3),
+        "task": RACED,
         "steps": 3000,
         "max_episode_steps": 3000,
         "observed": LONGER_MEMORY,

@@ -1,4 +1,4 @@
-"""The tables of figures: each comes from one commit and one processor, and names both."""
+"""Figures, and the tables of them: each comes from one commit and one processor, and names both."""
 
 import csv
 import json
@@ -9,6 +9,7 @@ from messages import refused
 
 import charts
 import table
+import timing
 
 MACHINE = {"cpu": "Fast One", "logical_processors": 2, "simd": "AVX-512", "embree": "3", "python": "3.11"}
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
@@ -254,3 +255,18 @@ def test_figures_of_no_or_several_sources_are_refused(changes, got, monkeypatch)
     table.refuse_unknown_sources({"train": result(), "book": {"source": "a table of a book"}})
     with refused(SystemExit, "train", got):
         table.refuse_unknown_sources({"train": result(**changes)})
+
+
+def test_a_median_keeps_the_least_and_the_greatest_through_products_and_quotients():
+    seconds = timing.Median([2.0, 8.0, 4.0])
+    made = timing.figure("rate", 16 / seconds, "1/s", 3, mode="fast")
+    assert made == {"name": "rate", "value": 4, "unit": "1/s", "runs": 3, "least": 2, "greatest": 8, "mode": "fast"}
+    assert list(made) == ["name", "value", "unit", "runs", "least", "greatest", "mode"]
+    made = timing.figure("time", 1e6 * seconds / 2, "us", 3)
+    assert (made["value"], made["least"], made["greatest"]) == (2e6, 1e6, 4e6)
+    ratio = timing.median_ratio([1.0, 4.0, 3.0], [2.0, 2.0, 1.0])
+    assert (ratio, ratio.least, ratio.greatest) == (2, 0.5, 3)
+
+
+def test_a_single_value_has_no_spread():
+    assert timing.figure("count", 12345.6, "1", 1) == {"name": "count", "value": 12350, "unit": "1", "runs": 1}

@@ -1,12 +1,19 @@
-"""Rotor flight, term by term, against its equations in double precision (rigid_body.py), for both integrators."""
+"""Rotor flight, term by term, against its equations in double precision (rigid_body.py), for both integrators.
+
+RAPTOR, a published policy for all quadrotors, is an oracle that shares nothing with them. It knows rotor speeds, masses
+and lags only from its own simulator, and recognises an airframe by how it moves. Wrong signs, a wrong order of the
+rotors or a wrong scale make it crash.
+"""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from foundation_policy import Raptor
 from rigid_body import Body, Start, angle_between, batch_of, frame, plain, rows_of
 
 import flockstep
+from raptor import FRAMES, THROWS, ByRaptor
 
 STEP_S = 0.01  # the rotor commands change a hundred times per second
 STEPS = 100
@@ -161,3 +168,18 @@ def test_orders_of_convergence():
     assert error("midpoint", 20) / error("midpoint", 10) == pytest.approx([4, 4], rel=0.1)
     assert error("midpoint", 10) / error("midpoint", 5) == pytest.approx([4, 4], rel=0.1)
     assert error("rk4", 20) / error("rk4", 10) == pytest.approx([16, 16], rel=0.25)
+
+
+@pytest.mark.parametrize("airframe", FRAMES)
+def test_raptor_holds_every_airframe(airframe):
+    keywords = {"control": "rotor_speeds", "policy_hz": 100.0, "drone": airframe, "max_episode_steps": 1000}
+    envs = flockstep.DroneVectorEnv(32, task=THROWS["gentle"], **keywords)
+    observation, _ = envs.reset(seed=5)
+    act = ByRaptor(envs, Raptor())
+    for _ in range(500):
+        observation, _, terminated, *_ = envs.step(act(observation[:, :3]))
+        assert not terminated.any()
+    distance = np.linalg.norm(observation[:, :3], axis=1)
+    assert distance.max() < 0.5
+    assert np.median(distance) < 0.15
+    envs.close()

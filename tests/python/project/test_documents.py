@@ -398,3 +398,41 @@ def test_fields_of_the_stub_have_their_texts(modules):
         node for node in ast.parse(text).body if isinstance(node, ast.ClassDef) and node.name == "LidarConfig"
     )
     assert ast.get_docstring(config).strip() == "A scanning LiDAR: a grid of channels x beams, or a beam pattern."
+
+
+IMAGES = DOCS / "images"
+PICTURES = sorted(path for path in IMAGES.rglob("*") if path.suffix in (".png", ".jpg", ".gif", ".webp", ".svg"))
+SHOWN = re.compile(r"!\[[^\]]*\]\(([^)]+)\)")
+
+
+def shown() -> set[Path]:
+    """The pictures that the README and the pages of docs/ show."""
+    return {
+        (page.parent / target).resolve()
+        for page in DOCUMENTS
+        for target in SHOWN.findall(page.read_text(encoding="utf-8"))
+    }
+
+
+def commands() -> dict[str, str]:
+    """The commands of the table in CONTRIBUTING.md by the pattern of their pictures."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"^## Images and videos\n(.*?)^## ", text, re.MULTILINE | re.DOTALL)
+    rows = re.findall(r"^\| (`.+?`) \| `([^`]+)`.*\|$", table, re.MULTILINE)
+    return {pattern: command for patterns, command in rows for pattern in re.findall(r"`([^`]+)`", patterns)}
+
+
+def test_pages_show_every_picture_and_no_other() -> None:
+    assert shown() == set(PICTURES)
+
+
+@pytest.mark.parametrize("picture", PICTURES, ids=lambda path: path.name)
+def test_one_command_makes_a_picture(picture: Path) -> None:
+    name = picture.relative_to(IMAGES).as_posix()
+    assert len([pattern for pattern in commands() if fnmatch(name, pattern)]) == 1
+
+
+@pytest.mark.parametrize(("pattern", "command"), commands().items(), ids=commands())
+def test_a_row_has_pictures_and_a_program(pattern: str, command: str) -> None:
+    assert any(fnmatch(path.relative_to(IMAGES).as_posix(), pattern) for path in PICTURES)
+    assert (ROOT / command.split()[0].replace(".", "/")).with_suffix(".py").is_file()

@@ -1,4 +1,4 @@
-"""`./dev thesis`: rows that keep their results, and the experiments of chapter 6 in a small size."""
+"""`./dev thesis`: rows that keep their results, and in a small size the experiments of chapter 6 and what it claims."""
 
 import json
 from dataclasses import replace
@@ -9,7 +9,8 @@ from messages import refused
 import flockstep
 import thesis.__main__ as command
 from flockstep.trainings.presets import Preset
-from thesis import experiments
+from thesis import claims, experiments
+from training import evaluate, tasks
 
 
 @pytest.fixture
@@ -106,3 +107,40 @@ def test_an_experiment_keeps_its_policy_its_flights_and_its_curve(task, monkeypa
     assert set(again) == {"training", "validation"} and all(0 <= value <= 1 for value in again.values())
     names = {"lidar": experiments.lidar, "camera": experiments.camera}[task]()
     assert {"sampled_4", "unit_4" if task == "lidar" else "64_4"} <= set(names)
+
+
+@pytest.mark.parametrize("task", ["lidar", "camera"])
+def test_every_leg_of_a_blocked_playground_is_blocked(task):
+    setup = tasks.Setup(task)
+    worlds = setup.generated(range(3, 100), 6, ahead=False, blocked=True)
+    assert [world.name for world in worlds] == [f"playground/seed-{seed}" for seed in range(3, 9)]
+    free, added = [], 0
+    for world in worlds:
+        route = setup.route(world)
+        legs = [route[i : i + 2] for i in range(len(route) - 1)]
+        free += tasks.fly_routes([world] * len(legs), legs)
+        added += len(world.to_dict()["cylinders"]) - 12
+        assert tasks.fly_routes([world], [evaluate.shortest_path(world, setup)]) == [True]
+    assert not any(free)
+    assert added > 0
+
+
+def test_a_playground_without_room_for_a_pillar_is_left_out(monkeypatch):
+    monkeypatch.setattr(tasks, "MARKER_CLEARANCE_M", 9.0)
+    with refused(ValueError, "count", 0, 2):
+        tasks.Setup().generated(range(3, 5), 2, blocked=True)
+
+
+@pytest.mark.parametrize("task", ["lidar", "camera"])
+def test_flyers_that_have_learned_nothing_are_compared(task, monkeypatch):
+    monkeypatch.setattr(claims, "WORLDS", 20)
+    monkeypatch.setattr(claims, "CHOSEN_BY", 20)
+    monkeypatch.setattr(claims, "REACTIVE", [(0.1, 0.0, 0.0), (1.8, 2.0, 45.0)])
+    found = {name: (value["value"], value) for value in claims.claimed(task, ahead=False) for name in [value["name"]]}
+    success = {name.removesuffix("/success"): value for name, (value, _) in found.items() if name.endswith("/success")}
+    assert list(success) == ["policy", "straight", "reactive", "planner"]
+    assert success["planner"] == 1
+    assert success["straight"] < min(success["reactive"], success["policy"])
+    assert found["reactive/success"][1]["settings"] == [1.8, 2.0, 45.0]
+    for name, (value, about) in found.items():
+        assert about["least"] <= value <= about["greatest"], name

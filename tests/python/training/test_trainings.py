@@ -237,7 +237,7 @@ def test_velocity_control_follows_a_path():
 
 
 def test_a_controller_flies_three_laps():
-    verdict = judge(TRAININGS["race"], flyers.Pursuit(5.0), 20, CHOOSING_SEEDS.start)
+    verdict = judge(TRAININGS["race"], flyers.pursuit(5.0), 20, CHOOSING_SEEDS.start)
     assert (verdict.success, verdict.crashed) == (1.0, 0.0)
     assert 10 < verdict.more["lap_s"] < 14
     assert verdict.more["lap_s"] * verdict.more["speed_mps"] == pytest.approx(47.6, abs=0.5)  # the length of a lap
@@ -245,13 +245,14 @@ def test_a_controller_flies_three_laps():
 
 def test_the_lap_is_that_of_the_second_and_third():
     """Check one flight, step by step."""
-    pilot = flyers.Pursuit(5.0)
+    pilot = flyers.pursuit(5.0)
     task = flockstep.RaceConfig(start="gate")
     envs = flockstep.DroneVectorEnv(1, task=task, max_episode_steps=3000, autoreset_mode="disabled")
+    act = pilot.in_envs(envs)
     observation, _ = envs.reset(seed=7)
     passed = [0]
     while passed[-1] < 21:
-        observation, *_ = envs.step(pilot(observation))
+        observation, *_ = envs.step(act(observation))
         passed.append(int(envs.batch.task_state["passed"][0]))
     lap_s = judge(TRAININGS["race"], pilot, 1, 7).more["lap_s"]
     assert lap_s == pytest.approx((passed.index(21) - passed.index(7)) * 0.02 / 2)
