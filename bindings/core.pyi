@@ -1995,6 +1995,21 @@ class Batch:
             The batch has no task, or `reset` has not been called.
         """
 
+    def set_controller(self, controller: Callable[[_F32, int], npt.ArrayLike] | None) -> None:
+        """Let a function command the rotors in `step`, or None: the built-in controller again.
+
+        Before each tick the function gets the commands of the task, (N, command_size()), and the index of the tick in
+        the step. It returns the speeds of the rotors for this tick, (N, rotors) rad/s, and may read the batch. If it
+        raises, reset every env. A `snapshot` does not hold it.
+
+        Raises
+        ------
+        ValueError
+            The control is ``"pose"``, or commands may be late.
+        RuntimeError
+            The batch has no task, or the motion is kinematic.
+        """
+
     @property
     def waiting(self) -> _Bool:
         """(R,), a new array: True if the row takes no part in the next step.
