@@ -1996,11 +1996,10 @@ class Batch:
         """
 
     def set_controller(self, controller: Callable[[_F32, int], npt.ArrayLike] | None) -> None:
-        """Let a function command the rotors in `step`, or None: the built-in controller again.
+        """Let a function command the rotors in `step`; None: the built-in controller again.
 
-        Before each tick the function gets the commands of the task, (N, command_size()), and the index of the tick in
-        the step. It returns the speeds of the rotors for this tick, (N, rotors) rad/s, and may read the batch. If it
-        raises, reset every env. A `snapshot` does not hold it.
+        {batch.hpp: Before each tick it ... rad/s}. The function may read the batch. If it raises, reset every env.
+        {batch.hpp: A snapshot does not hold}.
 
         Raises
         ------

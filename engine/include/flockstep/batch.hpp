@@ -103,7 +103,6 @@ struct EmbreeCounts {
 class FLOCKSTEP_API Batch {
  public:
   using Worlds = std::vector<std::shared_ptr<const World>>;  // the worlds of a batch, by index
-  using Controller = std::function<std::span<const float>(std::span<const float> command, int tick)>;  // see set_controller()
   class Bodies;                                              // facets: they refer to the batch and must not outlive it
   class Lidar;
   class Camera;
@@ -249,11 +248,12 @@ class FLOCKSTEP_API Batch {
   void step(std::span<const std::int64_t> actions);  // (R,) integer actions
   void step(std::span<const float> actions);         // (R, ...) floating-point actions
   void step(Pilot& pilot);                           // the actions that it chooses, on the threads that step the envs
+  const EpisodeState& episodes() const;              // counters and flags of the current episodes
   // Replaces the built-in controller in steps: before each tick it gets the commands of the task, (N, command_size()), and the
   // index of the tick in the step, and returns the speeds of the rotors for this tick, (N, num_rotors()) rad/s. Empty: the
   // built-in one again. For rotor motion, and commands that are in time. A snapshot does not hold it.
+  using Controller = std::function<std::span<const float>(std::span<const float> command, int tick)>;
   void set_controller(Controller controller);
-  const EpisodeState& episodes() const;              // counters and flags of the current episodes
   // (R,) 1 for rows that take no part in the next step: it only begins their next episode, or their drones rest.
   FlagArray waiting() const;
   void visit_task(ArrayVisitor& visitor) const;  // visits the arrays of the task, for reading
