@@ -1,9 +1,11 @@
 // Members of Batch that concern its task: actions, observations, episodes and random numbers.
+#include <pybind11/functional.h>
 #include <pybind11/stl.h>
 
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <numeric>
 #include <optional>
 #include <span>
@@ -98,6 +100,25 @@ void step(Batch& batch, const py::object& actions) {
   }
 }
 
+void set_controller(Batch& batch, const py::object& controller) {
+  if (controller.is_none()) return in_turn(batch, [&] { batch.set_controller({}); });
+  if (PyCallable_Check(controller.ptr()) == 0) {
+    throw py::type_error("controller: expected a function or None, got " + std::string(py::str(py::type::of(controller))));
+  }
+  const auto call = controller.cast<std::function<py::object(py::array_t<float>, int)>>();  // copies take the interpreter lock
+  const auto shape_of = [n = num_drones(batch)](std::size_t columns) { return Shape{n, static_cast<py::ssize_t>(columns)}; };
+  in_turn(batch, [&] {
+    batch.set_controller([call, commands = shape_of(batch.command_size()), shape = shape_of(batch.num_rotors()),
+                          speeds = std::vector<float>()](std::span<const float> command, int tick) mutable {
+      const py::gil_scoped_acquire acquire;
+      const auto given = floats(call(py::array_t<float>(commands, command.data()), tick), "controller", shape);
+      const std::span<const float> numbers = given;
+      speeds.assign(numbers.begin(), numbers.end());
+      return std::span<const float>(speeds);
+    });
+  });
+}
+
 py::array_t<float> path(const Batch& batch) {
   const std::span<const float> points = batch.path();
   const auto ticks = static_cast<py::ssize_t>(batch.config().clock.substeps());
@@ -175,6 +196,7 @@ void add_task(BatchClass& cls) {
           },
           py::arg("seeds") = none, py::arg("mask") = none)
       .def("step", &step, py::arg("actions"))
+      .def("set_controller", &set_controller, py::arg("controller"))
       .def_property_readonly("waiting",
                              [](const Batch& batch) {
                                const FlagArray waiting = in_turn(batch, [&] { return batch.waiting(); });

@@ -1997,6 +1997,20 @@ class Batch:
             The batch has no task, or `reset` has not been called.
         """
 
+    def set_controller(self, controller: Callable[[_F32, int], npt.ArrayLike] | None) -> None:
+        """Let a function command the rotors in `step`; None: the built-in controller again.
+
+        {batch.hpp: Before each tick it ... rad/s}. The function may read the batch. If it raises, reset every env.
+        {batch.hpp: A snapshot does not hold}.
+
+        Raises
+        ------
+        ValueError
+            The control is ``"pose"``, or commands may be late.
+        RuntimeError
+            The batch has no task, or the motion is kinematic.
+        """
+
     @property
     def waiting(self) -> _Bool:
         """(R,), a new array: True if the row takes no part in the next step.

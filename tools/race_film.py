@@ -20,7 +20,7 @@ import flockstep
 from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import DepthCanvas
 from flockstep.pictures.stage import Stage
-from flockstep.registration import make_flown
+from flockstep.registration import make_same_step
 from flockstep.relight import DARK_LIGHT
 from flockstep.rotations import rotate
 from flockstep.trainings.varied import RACED
@@ -70,7 +70,7 @@ class Flight:
 def flown(policy: Any, seed: int, *, by_firmware: bool = False) -> Flight:
     """Fly the first episode from this seed on that starts behind gate 0."""
     through = "betaflight" if by_firmware else None
-    envs = make_flown("film", RACED, 1, through, ends_stay=True, worlds=TRACK, max_episode_steps=3000)
+    envs = make_same_step("film", RACED, 1, ends_stay=True, worlds=TRACK, max_episode_steps=3000, through=through)
     for start in itertools.count(seed):
         envs.reset(seed=start)
         if envs.batch.task_state["target"][0] == 1:

@@ -17,7 +17,7 @@ from flockstep.progress_line import ProgressLine
 from flockstep.recording import actions_of
 from flockstep.recordings import Capture
 from flockstep.recordings.recording import require_saveable
-from flockstep.registration import make_flown, make_same_step
+from flockstep.registration import make_same_step
 from flockstep.scenes import WorldsLike
 from flockstep.task import Task
 
@@ -54,7 +54,6 @@ def evaluate(
     seed: int = 0,
     *,
     drone_episodes: Literal["team", "each", "last"] | None = None,
-    through: Literal["betaflight"] | None = None,
     record: str | PathLike[str] | None = None,
     **kwargs: Any,
 ) -> Evaluation:
@@ -83,20 +82,16 @@ def evaluate(
     drone_episodes
         How the episodes of an env's drones belong together: the keyword ``episodes`` of `DroneVectorEnv`. Default: that
         of a `Task`, otherwise ``"team"``.
-    through
-        ``"betaflight"``: firmware flies the drones, each its own, instead of the built-in controller. The task must be
-        one of the engine with ``control="body_rates"``. Rewards are given in each tick of the firmware, so only ends
-        and lengths compare with others. Needs the extra ``betaflight``.
     record
         A file ``.html`` or ``.mcap`` for a `Recording` of the episodes, of the first 64 envs. The results stay the
         same. Not with ``drone_episodes="each"``.
     **kwargs
-        Further keywords of `DroneVectorEnv`. Several ``worlds`` are assigned to the envs in turn.
+        Further keywords of `DroneVectorEnv`, such as ``through``. Several ``worlds`` are assigned to the envs in turn.
     """
     keywords: dict[str, Any] = {**kwargs, **_mode(drone_episodes)}
     if record is not None:
         require_saveable(record)
-    envs = make_flown("evaluate", env, _count(episodes), through, ends_stay=record is not None, **keywords)
+    envs = make_same_step("evaluate", env, _count(episodes), ends_stay=record is not None, **keywords)
     if record is not None and envs.recipe.episode.episodes == "each" and envs.drones_per_env > 1:
         raise ValueError("record: expected None with drone_episodes='each', whose drones begin again while others fly")
     names = envs.task.info_names if isinstance(envs.task, Task) else []
@@ -168,7 +163,7 @@ def first_episodes(
     capture: Capture | None = None,
     progress: ProgressLine | None = None,
 ) -> list[dict[str, Any]]:
-    """Fly envs of ``make_flown`` until each row has ended an episode; return the infos of these ends, close the envs.
+    """Fly envs until each row has ended an episode; return the infos of these ends, and close the envs.
 
     After each step ``watch`` is called with the observation, and a mask (N,) of the rows whose first episode goes on.
     ``progress`` shows how many have ended.

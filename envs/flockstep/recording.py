@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Sequence
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,13 +17,10 @@ from flockstep.errors import refuse_masked
 from flockstep.progress_line import ProgressLine
 from flockstep.recordings import Recording
 from flockstep.recordings.recording import require_saveable
-from flockstep.registration import make_flown
+from flockstep.registration import make_same_step
 from flockstep.stepping import BoolArray
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
-
-if TYPE_CHECKING:
-    from typing import Literal
 
 _FILMS = (".mp4", ".gif")
 
@@ -43,7 +40,6 @@ def record(
     fps: float | None = None,
     paths: Sequence[npt.ArrayLike] = (),
     quiet: bool = False,
-    through: Literal["betaflight"] | None = None,
     **kwargs: Any,
 ) -> int:
     """Fly one env and record one episode: the first one, or the first that succeeds.
@@ -86,10 +82,8 @@ def record(
     quiet
         True: show no progress. Otherwise standard error shows the number of pictures so far: one line, kept up to date
         on a terminal, printed every ten seconds to a file.
-    through
-        ``"betaflight"``: firmware flies the drones, as in `evaluate`. A file ``.mcap`` lacks the ROS 2 messages then.
     **kwargs
-        Further keywords of `DroneVectorEnv`, such as ``worlds``.
+        Further keywords of `DroneVectorEnv`, such as ``worlds`` and ``through``.
 
     Returns
     -------
@@ -115,7 +109,7 @@ def record(
         kwargs |= {"render_mode": "rgb_array", "render_view": render_view}
     else:
         require_saveable(path, _FILMS)
-    envs = make_flown("record", env, 1, through, ends_stay=True, **kwargs)
+    envs = make_same_step("record", env, 1, ends_stay=True, **kwargs)
     act = actions_of(policy, envs, "record", seed)
     progress = None if quiet else ProgressLine()
     if until_success is not None:

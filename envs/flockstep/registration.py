@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from os import PathLike, fspath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
 
@@ -12,9 +12,6 @@ from flockstep.keywords import by_config
 from flockstep.serialization import to_plain
 from flockstep.task import Task
 from flockstep.vector_env import OWN_KEYWORDS, DroneVectorEnv
-
-if TYPE_CHECKING:
-    from typing import Literal
 
 _NO_DEFAULTS = ("num_envs", "autoreset_mode", "copy")  # set by the code that makes the environments
 
@@ -98,25 +95,6 @@ def make_same_step(
         raise TypeError(f"{caller}: {' and '.join(own)} cannot be chosen: it needs {mode} autoreset")
     keywords |= {"autoreset_mode": "disabled"} if ends_stay else {"autoreset_mode": "same_step", "copy": False}
     return make_any(env, num_envs, **keywords)
-
-
-def make_flown(
-    caller: str,
-    env: str | Task | type[Task] | NativeTask,
-    num_envs: int,
-    through: Literal["betaflight"] | None = None,
-    *,
-    ends_stay: bool = False,
-    **keywords: Any,
-) -> Any:
-    """Make envs as `make_same_step` does, or such as firmware flies, which always stay where their episodes end."""
-    if through is None:
-        return make_same_step(caller, env, num_envs, ends_stay=ends_stay, **keywords)
-    if through != "betaflight":
-        raise ValueError(f"through: expected 'betaflight' or None, got {through!r}")
-    from flockstep.bridges import betaflight_env  # needs what an extra installs
-
-    return betaflight_env.make(caller, env, num_envs, **keywords)
 
 
 def register_task(env_id: str, task: type[Task] | str | PathLike[str], **defaults: Any) -> None:

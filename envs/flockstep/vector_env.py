@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import gymnasium
 import numpy as np
@@ -106,6 +106,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes, Sho
         the time.
     render_beams
         False: views show only the LiDAR beams of `Batch.set_beams_visible`.
+    through
+        ``"betaflight"``: this firmware flies the drones, each by a process of its own, in place of the built-in
+        controller. Needs ``control="body_rates"`` or ``"attitude"``, and the extra ``betaflight``.
     drone_mesh
         A `DroneMesh`, or a `World` of triangles, that shows the drones in perspective views, from behind and from a
         fixed point, and to the cameras of other drones, if these see each other. Default: in views
@@ -133,10 +136,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes, Sho
         The list of `LidarConfig` in use.
     cameras
         The list of `CameraConfig` in use.
-    observation_space, action_space
-        Spaces of all envs.
-    single_observation_space, single_action_space
-        Spaces of one env.
+    observation_space, action_space, single_observation_space, single_action_space
+        Spaces of all envs, and of one.
     autoreset_mode
         A member of `gymnasium.vector.AutoresetMode`.
     copy
@@ -199,6 +200,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes, Sho
         render_samples: int = 4,
         render_beams: bool = True,
         drone_mesh: DroneMesh | World | None = None,
+        through: Literal["betaflight"] | None = None,
         **keywords: Unpack[EnvKeywords],
     ) -> None:
         own = {name: value for name, value in locals().items() if name not in ("self", "keywords")}
@@ -230,6 +232,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes, Sho
                 name = type(self.task).__name__
                 raise ValueError(f"{name} declares no worlds: set {name}.worlds = 'train', or pass worlds=")
         recipe.worlds = names_of_worlds(worlds)
+        if through is not None:
+            from flockstep.bridges import betaflight  # few envs need what it imports
+
+            betaflight.prepare(through, recipe)
         words = getattr(recipe.task, "_words", {})  # only a task of the engine has them
         view = words.get("view", "top") if render_view is None else render_view
         shown = choice.choose(view, render_size, render_camera, render_style, render_samples, render_beams)
@@ -239,6 +245,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes, Sho
         self.lidars, self.cameras = recipe.lidars, recipe.cameras
         self.lidar = self.lidars[0] if self.lidars else None
         self.batch = Batch.from_recipe(recipe, worlds, routed.own_task, allow_files=True)
+        if through is not None:
+            betaflight.attach(self.batch)
         self._made_worlds: list[World] | None = getattr(self.batch, "worlds", None)  # None with a pool
         self._rows_per_env = self.drones_per_env if self.batch.spec.row == "drone" else 1
         self.num_envs = self.num_groups * self._rows_per_env

@@ -175,6 +175,17 @@ void Batch::step(Pilot& pilot) {
   flockstep::step(*sim_, &pilot);
 }
 
+void Batch::set_controller(Controller controller) {
+  const CallGuard guard(*lock_);
+  checks::not_stepping(*sim_, "set_controller");
+  checks::has_task(*sim_);
+  checks::flies_by_rotors(*sim_, "set_controller");
+  require(sim_->config.dynamics.control != Control::pose, "controller", "a control with commands", "control=\"pose\"");
+  require(sim_->fleet->commands.empty(), "controller", "commands that are in time",
+          "variations of action_delay_s, action_jitter_s or action_loss");
+  sim_->controller = std::move(controller);
+}
+
 const EpisodeState& Batch::episodes() const {
   checks::has_task(*sim_);
   return sim_->episodes;

@@ -203,6 +203,7 @@ struct Simulation {
   EpisodeState episodes;                // empty without a task
   FlagArray begins;                     // (N,) drones of Block::resetting that begin an episode; only with Episodes::each
   std::optional<TaskState> task_state;  // null without a task
+  Batch::Controller controller;         // empty: the built-in one
   std::unique_ptr<TaskContext> context;
   OutputSlots outputs;
 

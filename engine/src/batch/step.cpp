@@ -8,6 +8,7 @@
 #include "base/indices.hpp"
 #include "base/pose_access.hpp"
 #include "batch/bad_states.hpp"
+#include "batch/checks.hpp"
 #include "batch/episodes.hpp"
 #include "batch/flying.hpp"
 #include "batch/selected.hpp"
@@ -106,23 +107,19 @@ void record_path(Simulation& sim, std::span<const DroneIndex> drones, int first)
   }
 }
 
-// Flies one step: moves the drones, with contacts, and reads the sensors that are due between ticks. sense() reads those that
-// are due at the end of the step.
-void fly(Simulation& sim, Block& block, Scratch& scratch) {
-  const int ticks = sim.config.clock.substeps();
-  const auto drones = sim.drones_of(block.flying, scratch.flying);
+// Prepares drones for the ticks of a step.
+void begin_flight(Simulation& sim, std::span<const DroneIndex> drones, Scratch& scratch) {
   if (!sim.task_state->step_start.empty()) {
     for (const DroneIndex drone : drones) sim.task_state->step_start[drone] = pose_of(sim.state, drone);
   }
-  const bool records_path = !sim.task_state->path.empty();
-  if (records_path) record_path(sim, drones, 0);
+  if (!sim.task_state->path.empty()) record_path(sim, drones, 0);
   for_each_contiguous(drones, [&](std::size_t first, std::size_t count) {
     if (sim.fleet) {
       if (!is_any(sim.state.contact.hit.data() + first, count)) return;  // the usual case
       for (std::size_t i = first; i < first + count; ++i) {
         if (sim.state.contact.hit[i]) clear_contact(sim.state, DroneIndex(i));
       }
-    } else if (ticks > 1) {
+    } else if (sim.config.clock.substeps() > 1) {
       std::fill_n(sim.state.contact.hit.data() + first, count, std::uint8_t{0});
     }
   });
@@ -133,10 +130,17 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
     sim.fleet->send_commands(sim.state, drones, sim.task_state->setpoints.command);
     scratch.flight.downwash.update(*sim.fleet, sim.state, drones);
   }
-  const int leg = sim.fleet && !sim.suite.reads_between_ticks() && !sim.bodies ? ticks : 1;  // kinematic drones move by ticks
-  const dynamics::Commands commands{sim.task_state->setpoints.command, sim.task_state->setpoints.target,
-                                    sim.task_state->step_start};
-  for (int flown = leg; flown <= ticks; flown += leg) {
+}
+
+// Flies the ticks of a step from `begin` up to `end`: moves the drones, with contacts, and reads the sensors that are due between
+// ticks. sense() reads those that are due at the end of the step.
+void fly_part(Simulation& sim, Block& block, const dynamics::Commands& commands, int begin, int end, Scratch& scratch) {
+  const int ticks = sim.config.clock.substeps();
+  const auto drones = sim.drones_of(block.flying, scratch.flying);
+  if (begin == 0) begin_flight(sim, drones, scratch);
+  // Kinematic drones move by ticks.
+  const int leg = sim.fleet && !sim.suite.reads_between_ticks() && !sim.bodies ? end - begin : 1;
+  for (int flown = begin + leg; flown <= end; flown += leg) {
     if (sim.bodies) {
       for (const EnvIndex env : block.flying) sim.bodies->advance(env, sim.state.tick[env] + leg);
     }
@@ -144,16 +148,35 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
       fly_by_rotors(sim, block, drones, commands, flown - leg, leg, scratch);
     } else {
       move(sim, drones, flown, scratch);
-      if (records_path) record_path(sim, drones, flown);
+      if (!sim.task_state->path.empty()) record_path(sim, drones, flown);
     }
     for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
       for (std::size_t env = first; env < first + count; ++env) sim.state.tick[env] += leg;
     });
     if (flown < ticks) read_due(sim, block.flying, drones, false, scratch);
   }
+  if (end < ticks) return;
   for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
     for (std::size_t env = first; env < first + count; ++env) ++sim.state.sensed[env];
   });
+}
+
+// Flies a step by the built-in controller.
+void fly(Simulation& sim, Block& block, Scratch& scratch) {
+  const Setpoints& setpoints = sim.task_state->setpoints;
+  const dynamics::Commands commands{setpoints.command, setpoints.target, sim.task_state->step_start};
+  fly_part(sim, block, commands, 0, sim.config.clock.substeps(), scratch);
+}
+
+// Flies a step by the batch's own controller.
+template <class Executor>
+void fly_by_controller(Simulation& sim, Executor& executor) {
+  for (int tick = 0; tick < sim.config.clock.substeps(); ++tick) {
+    const std::span<const float> speeds = sim.controller(sim.task_state->setpoints.command, tick);
+    checks::command(sim, speeds, Control::rotor_speeds);
+    const dynamics::Commands commands{.command = speeds, .target = {}, .step_start = {}, .control = Control::rotor_speeds};
+    executor.each([&](Simulation& s, Block& block, Scratch& scratch) { fly_part(s, block, commands, tick, tick + 1, scratch); });
+  }
 }
 
 void sense(Simulation& sim, Block& block, Scratch& scratch) {
@@ -196,7 +219,7 @@ class BlockByBlock {
 };
 
 // Runs each stage for all blocks before the next stage begins. Cameras that render all drones at once need this, and so do
-// tasks that take all envs at once.
+// tasks and controllers that take all envs at once.
 class StageByStage {
  public:
   explicit StageByStage(Simulation& sim) : sim_(sim) {}
@@ -320,7 +343,11 @@ void fly_program(Simulation& sim, Executor& executor, Pilot* pilot) {
     executor.task({&Block::flying},
                   [&](const TaskBlock& envs) { task.command(envs, sim.task_state->actions, sim.task_state->setpoints); });
     executor.each([](Simulation& s, Block& block, Scratch&) { check_setpoints(s, block); });
-    executor.each(fly);
+    if (sim.controller) {
+      fly_by_controller(sim, executor);
+    } else {
+      executor.each(fly);
+    }
     if (is_last) executor.start_frames(&Block::flown);
     executor.each(sense);
     if (is_last) executor.finish_frames();
@@ -381,7 +408,7 @@ class Stepping {
 void step(Simulation& sim, Pilot* pilot) {
   const Stepping stepping(sim);
   sim.outputs.turn();
-  if (!sim.cameras.empty() || sim.task_state->task->takes_all_envs_at_once()) {
+  if (!sim.cameras.empty() || sim.task_state->task->takes_all_envs_at_once() || sim.controller) {
     StageByStage executor(sim);
     fly_program(sim, executor, pilot);
     if (changes_worlds(sim)) change_worlds(sim);

@@ -168,6 +168,7 @@ void Learner::require_derivatives(const GradientConfig& config, const Batch& bat
           told(sim.config.observed));
   require(sim.config.privileged.empty(), "privileged", "none", sim.config.privileged.empty() ? "" : sim.config.privileged[0]);
   require(sim.config.episode.frame_skip == 1, "frame_skip", "1", sim.config.episode.frame_skip);
+  require(!sim.controller, "controller", "the built-in one, which has derivatives", "another");
   dynamics::StepGradient::require_derivatives(*sim.fleet);
   parts.require_fits(batch, sim.num_drones());
   require(!parts.config.is_discrete && parts.action_size() == kActions, "batch", "a task with four numbers as an action",

