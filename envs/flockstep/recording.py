@@ -44,6 +44,7 @@ def record(
     paths: Sequence[npt.ArrayLike] = (),
     quiet: bool = False,
     through: Literal["betaflight"] | None = None,
+    watch: bool = False,
     **kwargs: Any,
 ) -> int:
     """Fly one env and record one episode: the first one, or the first that succeeds.
@@ -88,6 +89,8 @@ def record(
         on a terminal, printed every ten seconds to a file.
     through
         ``"betaflight"``: firmware flies the drones, as in `evaluate`. A file ``.mcap`` lacks the ROS 2 messages then.
+    watch
+        Show the flight in a browser, too, at the speed of flight, from when the page of `flockstep.view` is open.
     **kwargs
         Further keywords of `DroneVectorEnv`, such as ``worlds``.
 
@@ -115,7 +118,7 @@ def record(
         kwargs |= {"render_mode": "rgb_array", "render_view": render_view}
     else:
         require_saveable(path, _FILMS)
-    envs = make_flown("record", env, 1, through, ends_stay=True, **kwargs)
+    envs = make_flown("record", env, 1, through, ends_stay=True, watch=watch, **kwargs)
     act = actions_of(policy, envs, "record", seed)
     progress = None if quiet else ProgressLine()
     if until_success is not None:

@@ -107,16 +107,30 @@ def make_flown(
     through: Literal["betaflight"] | None = None,
     *,
     ends_stay: bool = False,
+    watch: bool = False,
     **keywords: Any,
 ) -> Any:
-    """Make envs as `make_same_step` does, or such as firmware flies, which always stay where their episodes end."""
-    if through is None:
-        return make_same_step(caller, env, num_envs, ends_stay=ends_stay, **keywords)
-    if through != "betaflight":
-        raise ValueError(f"through: expected 'betaflight' or None, got {through!r}")
-    from flockstep.bridges import betaflight_env  # needs what an extra installs
+    """Make envs as `make_same_step` does, or such as firmware flies, which always stay where their episodes end.
 
-    return betaflight_env.make(caller, env, num_envs, **keywords)
+    With ``watch`` a view shows them at the speed of flight, and this waits until its page is open.
+    """
+    if through not in (None, "betaflight"):
+        raise ValueError(f"through: expected 'betaflight' or None, got {through!r}")
+    if through is None:
+        made: Any = make_same_step(caller, env, num_envs, ends_stay=ends_stay, **keywords)
+    else:
+        from flockstep.bridges import betaflight_env  # needs what an extra installs
+
+        made = betaflight_env.make(caller, env, num_envs, **keywords)
+    if watch:
+        from flockstep.viewer import view  # it imports vector envs
+
+        try:
+            view(made, real_time=True).wait()
+        except BaseException:
+            made.close()
+            raise
+    return made
 
 
 def register_task(env_id: str, task: type[Task] | str | PathLike[str], **defaults: Any) -> None:

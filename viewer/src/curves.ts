@@ -68,8 +68,9 @@ export class CurvePanel {
     chips: HTMLElement,
     private readonly panel: HTMLElement,
     private readonly seek: (seconds: number) => void,
+    shown: number,
   ) {
-    this.shown = new Set(flight.curves.slice(0, 2).map((curve) => curve.title));
+    this.shown = new Set(flight.curves.slice(0, shown).map((curve) => curve.title));
     for (const curve of flight.curves) {
       const chip = document.createElement("button");
       chip.textContent = curve.title;

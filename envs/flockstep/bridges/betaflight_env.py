@@ -97,8 +97,7 @@ class BetaflightEnv:
             goes_on = ~(batch.terminated | batch.truncated)
             batch.flown = np.where(goes_on[:, None], before, batch.flown)
             batch.fly(signals * self.bridge.full_speed_radps, ticks=1, mask=goes_on, control="rotor_speeds")
-        if self.envs.trail is not None:
-            self.envs.trail.record()
+        self.envs._flown(actions, self.ticks)
         return stepping.results(self.envs)
 
     def episode_infos(self, indices: Any = None) -> dict[str, Any]:
