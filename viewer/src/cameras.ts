@@ -75,12 +75,13 @@ export class Viewer {
       let by = Number.isNaN(this.heading) ? 0 : Math.atan2(Math.sin(wanted - this.heading), Math.cos(wanted - this.heading));
       if (Number.isNaN(this.heading)) {
         this.heading = wanted;
-        offset.set(-Math.cos(wanted), -Math.sin(wanted), 0.4).multiplyScalar(1 + 5 * this.radius);
+        offset.set(-Math.cos(wanted), -Math.sin(wanted), 0.25).multiplyScalar(1 + 5 * this.radius);
       } else {
         by *= jumps ? 1 : 1 - Math.exp(-catchUp * seconds);
         offset.applyAxisAngle(new THREE.Vector3(0, 0, 1), by);
         this.heading += by;
       }
+      place.z += 0.17 * offset.length(); // the drone in the lower half, and above it the way ahead
     } else this.heading = NaN;
     controls.target.copy(place);
     camera.position.copy(place).add(offset);

@@ -1,7 +1,7 @@
 // A recorded race as an opponent: the page itself flies another drone from the same start, without a server. It tells the flight
 // in moments, as Python does from a live view.
 
-import { Euler, Quaternion, Ray, Sphere, Triangle, Vector3 } from "three";
+import { Ray, Sphere, Triangle, Vector3 } from "three";
 import { Octree } from "three/examples/jsm/math/Octree.js";
 import { element } from "./controls";
 import { Flight, type Column, type Numbers, type Place, type WorldInfo } from "./flight";
@@ -61,16 +61,16 @@ export class Solo {
     return solo;
   }
 
-  /** Hovers where the recorded drone began. Returns the first moment of a flight; `isFirst`: the page has no other yet. */
+  /** Hovers where the recorded drone began, and faces the gate. Returns the first moment of a flight; `isFirst`: the page has no other yet. */
   begin(isFirst = false): Flight {
     const { rival } = this;
     const pose = new Float64Array(7);
     rival.pose(0, 0, pose);
     this.model = new Model(rival.drone.model, rival.drone.most_dps);
     this.model.position.fromArray(pose);
-    const yaw = new Euler().setFromQuaternion(new Quaternion().fromArray(pose, 3), "ZYX").z;
-    this.model.turn.setFromEuler(new Euler(0, 0, yaw));
     this.gate = Math.max(rival.value(rival.column("gate.next")!, 0, 0), 0) % this.world.gates.length;
+    const [x, y] = this.world.gates[this.gate].center;
+    this.model.turn.setFromAxisAngle(new Vector3(0, 0, 1), Math.atan2(y - pose[1], x - pose[0]));
     [this.passed, this.ticks, this.due, this.isWaiting, this.touched] = [0, 0, 0, true, undefined];
     return this.moment(false, isFirst);
   }
