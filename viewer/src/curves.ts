@@ -129,7 +129,7 @@ export class CurvePanel {
     const plot = new uPlot(
       {
         ...this.size(chart),
-        padding: [4, 8, 0, 0],
+        padding: [8, 8, 0, 0],
         legend: { show: false },
         cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
         scales: { x: { time: false }, y: { range: () => range } },

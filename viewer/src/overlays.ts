@@ -189,9 +189,8 @@ export class Overlays {
       const look = this.looks[looks.values[at]] ? looks.values[at] : -1;
       group.visible = look >= 0;
       if (!group.visible) continue;
-      if (look !== slot.look) group.clear().add(this.looks[look].group.clone());
+      if (look !== slot.look) this.group.add(group.clear().add(this.looks[look].group.clone()));
       slot.look = look;
-      this.group.add(group);
       const [from, to] = [new THREE.Vector3(), new THREE.Vector3()];
       const isSame = looks.values[then] === look;
       group.position.copy(from.fromArray(position.values, 3 * at).lerp(to.fromArray(position.values, 3 * then), isSame ? part : 0));

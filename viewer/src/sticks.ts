@@ -26,7 +26,7 @@ function gamepad(): number[] {
   const pad = navigator.getGamepads().find((each) => each && each.connected && each.axes.length >= 4);
   if (!pad) return [0, 0, 0, 0];
   const [yaw, down, roll, back] = pad.axes;
-  return [-down, roll, -back, yaw].map((value) => (Math.abs(value) < deadZone ? 0 : value));
+  return [-down, roll, -back, yaw].map((value) => (Math.abs(value) >= deadZone ? value : 0));
 }
 
 export class Sticks {

@@ -100,12 +100,9 @@ def pack(recording: Recording, had: Had | None = None) -> bytes:
     for name in ("velocity", "rotor_speed", "bodies.position", "bodies.quat_wxyz", "contact.point"):
         if name in recording:
             packer.add(name, recording[name].astype(np.float32))
-    for name in ("contact.hit", "bodies.active"):
+    for name, kind in {"contact.hit": np.uint8, **dict.fromkeys(("bodies.look", *GATES), np.int32)}.items():
         if name in recording:
-            packer.add(name, recording[name].astype(np.uint8))
-    for name in ("bodies.look", *GATES):
-        if name in recording:
-            packer.add(name, recording[name].astype(np.int32))
+            packer.add(name, recording[name].astype(kind))
     curves = []
     for title, name in _CURVES:
         if name not in recording and name != "above_m":
