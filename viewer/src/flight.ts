@@ -33,7 +33,7 @@ export interface WorldInfo {
   through: number[][];
   goal: number[] | null;
   marker_m: number;
-  gates: Gate[];
+  race_gates: Gate[];
   bounds: number[][];
   sun: number[];
 }

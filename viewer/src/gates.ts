@@ -54,7 +54,7 @@ export function nextGate(flight: Flight, drone: number, step: number): number {
 export function describeLaps(flight: Flight, drone: number, seconds: number): string {
   const step = flight.stepAt(seconds);
   const counts = flight.column("gate.passed");
-  const { gates } = flight.worlds[flight.worldOf(flight.envOf(drone), step)];
+  const { race_gates: gates } = flight.worlds[flight.worldOf(flight.envOf(drone), step)];
   if (!counts || !gates.length) return "";
   const first = flight.episodeStart(drone, step);
   const lapAt = (i: number): number => Math.floor(flight.value(counts, i, drone) / gates.length);

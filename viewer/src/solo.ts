@@ -26,7 +26,7 @@ interface Shown {
 /** Returns whether this page can fly against a recorded flight: a race of quadrotors. */
 export function canFly(flight: Flight): boolean {
   const { rotors } = flight.drone.model;
-  return rotors?.spin.length === 4 && !!flight.column("gate.next") && flight.worlds[flight.worldOf(0, 0)].gates.length > 0;
+  return rotors?.spin.length === 4 && !!flight.column("gate.next") && flight.worlds[flight.worldOf(0, 0)].race_gates.length > 0;
 }
 
 export class Solo {
@@ -68,8 +68,8 @@ export class Solo {
     rival.pose(0, 0, pose);
     this.model = new Model(rival.drone.model, rival.drone.most_dps);
     this.model.position.fromArray(pose);
-    this.gate = Math.max(rival.value(rival.column("gate.next")!, 0, 0), 0) % this.world.gates.length;
-    const [x, y] = this.world.gates[this.gate].center;
+    this.gate = Math.max(rival.value(rival.column("gate.next")!, 0, 0), 0) % this.world.race_gates.length;
+    const [x, y] = this.world.race_gates[this.gate].center;
     this.model.turn.setFromAxisAngle(new Vector3(0, 0, 1), Math.atan2(y - pose[1], x - pose[0]));
     [this.passed, this.ticks, this.due, this.isWaiting, this.touched] = [0, 0, 0, true, undefined];
     return this.moment(false, isFirst);
@@ -77,7 +77,7 @@ export class Solo {
 
   /** Flies for a time by throttle, roll, pitch and yaw, and returns the moment after it. */
   fly(seconds: number, sticks: number[]): Flight {
-    const { ball, model, walls, world: { gates } } = this;
+    const { ball, model, walls, world: { race_gates: gates } } = this;
     this.touched = undefined;
     const count = Math.round((this.due + seconds) / tickS);
     this.due += seconds - count * tickS;

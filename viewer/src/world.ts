@@ -68,7 +68,7 @@ export class World {
 
   private constructor(readonly info: WorldInfo) {
     this.bounds = new THREE.Box3(new THREE.Vector3(...info.bounds[0]), new THREE.Vector3(...info.bounds[1]));
-    this.gates = new Gates(info.gates);
+    this.gates = new Gates(info.race_gates);
     this.group.add(this.gates.group);
   }
 

@@ -15,6 +15,7 @@ from flockstep.drone_mesh import DroneMesh
 from flockstep.quadrotor_mesh import hull_faces, rotors_of
 from flockstep.recordings.moment import GATES
 from flockstep.recordings.recording import Recording
+from flockstep.serialization import to_plain
 
 Array = npt.NDArray[Any]
 
@@ -209,16 +210,9 @@ def _world(packer: _Packer, world: World, cut_m: float | None) -> dict[str, Any]
         "through": [_place(place) for place in world.waypoints],
         "goal": _place(world.goal),
         "marker_m": float(world.marker_radius_m),
-        "gates": [_gate(gate) for gate in world.gates],
+        "race_gates": to_plain(world.gates),
         "bounds": np.asarray(world.bounds, float).tolist(),
         "sun": [float(part) for part in Light(**world.light).sun_direction],
-    }
-
-
-def _gate(gate: dict[str, Any]) -> dict[str, Any]:
-    shown = ("shape", "center", "quat_wxyz", "size_m", "bar_m")
-    return {
-        name: value if isinstance(value := gate[name], str) else np.asarray(value, float).tolist() for name in shown
     }
 
 

@@ -16,7 +16,7 @@ navigator.getGamepads = () => {
     const {model, world, gate} = window.flockstep?.solo ?? {};
     if (!model) return [];
     const {position, velocity, turn} = model;
-    const {center: [x, y, z], quat_wxyz: [qw, qx, qy, qz]} = world.gates[gate];
+    const {center: [x, y, z], quat_wxyz: [qw, qx, qy, qz]} = world.race_gates[gate];
     const ahead = position.clone().set(1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy + qw * qz), 2 * (qx * qz - qw * qy));
     const way = position.clone().set(x, y, z).sub(position);
     const before = way.dot(ahead);
