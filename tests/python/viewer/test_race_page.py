@@ -60,6 +60,14 @@ def opened(tab, path, address=""):
     tab.wait_for_selector("body[data-state=ready]", state="attached")
 
 
+def followed(tab, link):
+    """Follow a link, which loads the page again, and return the number of its flights."""
+    with tab.expect_event("load"):
+        tab.click(f"text={link}")
+    tab.wait_for_selector("body[data-state=ready]", state="attached")
+    return tab.evaluate("flockstep.flights.length")
+
+
 def test_a_replay_shows_the_next_gate_and_the_laps(tab, race):
     path, recording = race
     opened(tab, path)
@@ -80,8 +88,7 @@ def test_a_replay_shows_the_next_gate_and_the_laps(tab, race):
 def test_a_gamepad_flies_through_a_gate_against_the_recorded_drone(tab, race):
     path, recording = race
     opened(tab, path)
-    tab.click("text=Fly against this drone")
-    wait(tab, "document.body.dataset.state === 'ready' && flockstep.solo && flockstep.flights.length === 2")
+    assert followed(tab, "Fly against this drone") == 2
     assert tab.evaluate("[flockstep.page.viewer.mode, flockstep.solo.ticks]") == ["follow", 0]  # it waits for a stick
     np.testing.assert_allclose(
         tab.evaluate("[...flockstep.page.stage.pose()].slice(0, 3)"), recording["position"][0, 0], atol=1e-6
@@ -98,8 +105,7 @@ def test_a_gamepad_flies_through_a_gate_against_the_recorded_drone(tab, race):
     tab.evaluate("navigator.getGamepads = () => []")
     tab.keyboard.press("r")
     wait(tab, "flockstep.solo.passed === 0 && flockstep.page.choice.seconds === 0")
-    tab.click("text=Watch the recorded flight")
-    wait(tab, "document.body.dataset.state === 'ready' && !flockstep.solo && flockstep.flights.length === 1")
+    assert followed(tab, "Watch the recorded flight") == 1
 
 
 def test_walls_throw_the_drone_back(tab, race):
