@@ -1,4 +1,4 @@
-"""Test flights with an installed wheel for `./dev wheel --prove`: LiDAR, both camera backends, a training, headers.
+"""Test flights with an installed wheel for `./dev wheel --prove`: LiDAR, cameras, a training, a page, headers.
 
 usage: first_flights.py with-opengl | without-opengl | without-gl
 
@@ -44,6 +44,14 @@ def learn() -> None:
         assert (Path(folder) / "hover.zip").is_file()
 
 
+def replay() -> None:
+    """Write a page that replays a flight."""
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / "flight.html"
+        flockstep.record(page, steps=5, worlds="playground/train-1", quiet=True)
+        assert page.read_text(encoding="utf-8").count('<script type="application/gzip">') == 1
+
+
 def main() -> None:
     """Fly, and compare the OpenGL warnings with the machine's abilities."""
     reasons = {"with-opengl": (), "without-opengl": ("libegl1", "libgl1"), "without-gl": ("has no backend gl",)}
@@ -51,6 +59,8 @@ def main() -> None:
     fly_lidar()
     see("raycast")
     learn()
+    if sys.argv[1] != "without-gl":  # those wheels are built without Node.js
+        replay()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         see("gl")

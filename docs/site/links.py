@@ -3,7 +3,7 @@
 On GitHub a link such as ``[x](../examples/x.py)`` opens the file. The site has no such file: there it becomes a link to
 the address "Repository" of pyproject.toml, or the path as code while there is none. The file, and the heading after #,
 must exist. A link to the kept results, or to one of them, becomes links to their tables, which are written for the
-site. The first image of the site becomes a link to a page that replays a flight.
+site. The first image of the site becomes a link to a page that replays a flight, with a link to a race below it.
 """
 
 from __future__ import annotations
@@ -26,8 +26,11 @@ ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"\[([^\]]+)\]\((\.\./[^)#\s]+)(#[^)\s]*)?\)")
 NAMED = re.compile(r"\[([\w-]+\.md)\]\(\1(#[^)\s]*)?\)")  # a link whose text is the name of the file
 IMAGE = re.compile(r"^!\[([^\]]+)\]\(([^)]+)\)$", re.MULTILINE)
-#: A file of `html_extra_path`.
-REPLAY = "```{figure} \\2\n:alt: \\1\n:target: replay.html\n\nFollow a flight from any side: select the image.\n```"
+#: With files of `html_extra_path`.
+REPLAY = (
+    "```{figure} \\2\n:alt: \\1\n:target: replay.html\n\nFollow a flight from any side: select the image. "
+    'Or <a href="race.html#fly">fly a race</a> against a trained policy.\n```'
+)
 CSV = ROOT / "build" / "docs" / "results"
 logger = logging.getLogger(__name__)
 

@@ -40,6 +40,7 @@ def record(
     fps: float | None = None,
     paths: Sequence[npt.ArrayLike] = (),
     quiet: bool = False,
+    watch: bool = False,
     **kwargs: Any,
 ) -> int:
     """Fly one env and record one episode: the first one, or the first that succeeds.
@@ -82,6 +83,8 @@ def record(
     quiet
         True: show no progress. Otherwise standard error shows the number of pictures so far: one line, kept up to date
         on a terminal, printed every ten seconds to a file.
+    watch
+        Show the flight in a browser, too, at the speed of flight, from when the page of `flockstep.view` is open.
     **kwargs
         Further keywords of `DroneVectorEnv`, such as ``worlds`` and ``through``.
 
@@ -109,7 +112,7 @@ def record(
         kwargs |= {"render_mode": "rgb_array", "render_view": render_view}
     else:
         require_saveable(path, _FILMS)
-    envs = make_same_step("record", env, 1, ends_stay=True, **kwargs)
+    envs = make_same_step("record", env, 1, ends_stay=True, watch=watch, **kwargs)
     act = actions_of(policy, envs, "record", seed)
     progress = None if quiet else ProgressLine()
     if until_success is not None:

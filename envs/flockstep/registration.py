@@ -78,11 +78,13 @@ def make_same_step(
     num_envs: int,
     *,
     ends_stay: bool = False,
+    watch: bool = False,
     **keywords: Any,
 ) -> DroneVectorEnv:
     """Make an env by its id or from a task, with same-step autoreset and without copies.
 
-    With ``ends_stay`` envs stay where their episodes end instead, until they are reset, and return copies.
+    With ``ends_stay`` envs stay where their episodes end instead, until they are reset, and return copies. With
+    ``watch`` a view shows them at the speed of flight, and this waits until its page is open.
 
     Raises
     ------
@@ -94,7 +96,16 @@ def make_same_step(
         mode = "disabled" if ends_stay else "same-step"
         raise TypeError(f"{caller}: {' and '.join(own)} cannot be chosen: it needs {mode} autoreset")
     keywords |= {"autoreset_mode": "disabled"} if ends_stay else {"autoreset_mode": "same_step", "copy": False}
-    return make_any(env, num_envs, **keywords)
+    made = make_any(env, num_envs, **keywords)
+    if watch:
+        from flockstep.viewer import view  # it imports vector envs
+
+        try:
+            view(made, real_time=True).wait()
+        except BaseException:
+            made.close()
+            raise
+    return made
 
 
 def register_task(env_id: str, task: type[Task] | str | PathLike[str], **defaults: Any) -> None:

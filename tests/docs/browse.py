@@ -1,7 +1,7 @@
 """Opens every page of the site in Debian's Chromium: `./dev docs --test`.
 
-No page is wider than a phone, every request is answered, the search finds a class by its name, and the first image
-leads to a flight.
+No page is wider than a phone, every request is answered, the search finds a class by its name, the first image leads
+to a flight, and a link below it to a race that one flies.
 
 usage: browse.py FOLDER
 """
@@ -66,14 +66,16 @@ def search_failures(page: Page, address: str, word: str) -> list[str]:
 
 
 def replay_failures(page: Page, address: str) -> list[str]:
-    """Return a failure unless the first image of the site leads to a page that shows a flight."""
-    page.goto(f"{address}/index.html")
-    page.locator("article a > img").first.click()
-    try:
-        page.wait_for_selector("body[data-state=ready]", state="attached")
-    except TimeoutError:
-        return [f"{page.url}: expected a flight, got {page.inner_text('body')!r}"]
-    return []
+    """Return the failures of the links of the first page to pages with a flight: its first image, and the race."""
+    failures = []
+    for link in ("article a > img", "text=fly a race"):
+        page.goto(f"{address}/index.html")
+        page.locator(link).first.click()
+        try:
+            page.wait_for_selector("body[data-state=ready]", state="attached")
+        except TimeoutError:
+            failures.append(f"{page.url}: expected a flight, got {page.inner_text('body')!r}")
+    return failures
 
 
 def main(folder: Path) -> int:

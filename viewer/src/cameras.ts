@@ -15,6 +15,8 @@ export class Viewer {
   mode: Mode = "orbit";
   private heading = NaN;
   private readonly held = new Set<string>();
+  /** Radius of a drone, m: the camera behind it keeps a distance that fits. */
+  radius = 0.3;
   /** The mount of the drone's camera: offset in m, rotation, tangents of half the fields of view. */
   eye = { offset: new THREE.Vector3(0.15, 0, 0.03), turn: new THREE.Quaternion(), tangents: [1, 0.75] };
 
@@ -73,12 +75,13 @@ export class Viewer {
       let by = Number.isNaN(this.heading) ? 0 : Math.atan2(Math.sin(wanted - this.heading), Math.cos(wanted - this.heading));
       if (Number.isNaN(this.heading)) {
         this.heading = wanted;
-        offset.set(-Math.cos(wanted), -Math.sin(wanted), 0.5).multiplyScalar(2.6);
+        offset.set(-Math.cos(wanted), -Math.sin(wanted), 0.25).multiplyScalar(1 + 5 * this.radius);
       } else {
         by *= jumps ? 1 : 1 - Math.exp(-catchUp * seconds);
         offset.applyAxisAngle(new THREE.Vector3(0, 0, 1), by);
         this.heading += by;
       }
+      place.z += 0.17 * offset.length(); // the drone in the lower half, and above it the way ahead
     } else this.heading = NaN;
     controls.target.copy(place);
     camera.position.copy(place).add(offset);

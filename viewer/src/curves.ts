@@ -68,8 +68,9 @@ export class CurvePanel {
     chips: HTMLElement,
     private readonly panel: HTMLElement,
     private readonly seek: (seconds: number) => void,
+    shown: number,
   ) {
-    this.shown = new Set(flight.curves.slice(0, 2).map((curve) => curve.title));
+    this.shown = new Set(flight.curves.slice(0, shown).map((curve) => curve.title));
     for (const curve of flight.curves) {
       const chip = document.createElement("button");
       chip.textContent = curve.title;
@@ -128,7 +129,7 @@ export class CurvePanel {
     const plot = new uPlot(
       {
         ...this.size(chart),
-        padding: [4, 8, 0, 0],
+        padding: [8, 8, 0, 0],
         legend: { show: false },
         cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
         scales: { x: { time: false }, y: { range: () => range } },

@@ -81,6 +81,11 @@ export class Drones {
     return drones;
   }
 
+  /** Radius of a drone around its origin, m. */
+  get radius(): number {
+    return Math.max(0.05, ...this.body.map(({ geometry: { boundingSphere } }) => boundingSphere!.center.length() + boundingSphere!.radius));
+  }
+
   private async meshes(glb: Uint8Array): Promise<THREE.InstancedMesh[]> {
     const { isGhost } = this;
     return (await parts(glb)).map((part) => {

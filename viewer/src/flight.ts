@@ -14,6 +14,16 @@ export interface Column {
   room?: Numbers;
 }
 
+/** A gate is passed along its own x axis, and z is up. */
+export interface Gate {
+  shape: "square" | "ring";
+  center: number[];
+  quat_wxyz: number[];
+  /** Inside width or diameter, and thickness of the frame. */
+  size_m: number;
+  bar_m: number;
+}
+
 export interface WorldInfo {
   name: string;
   glb: Uint8Array;
@@ -23,6 +33,7 @@ export interface WorldInfo {
   through: number[][];
   goal: number[] | null;
   marker_m: number;
+  race_gates: Gate[];
   bounds: number[][];
   sun: number[];
 }
@@ -51,9 +62,8 @@ export interface CameraInfo {
   tangents: number[];
 }
 
+/** The look of a moving object. */
 export interface BodyInfo {
-  env: number;
-  body: number;
   name: string;
   glb: Uint8Array;
 }
@@ -67,6 +77,43 @@ export interface EpisodeEnd {
   steps: number;
 }
 
+/** An airframe file: what a flight model needs of it. */
+export interface Airframe {
+  hull_m: number[][];
+  mass_kg: number;
+  inertia_kgm2: number[];
+  rotors?: {
+    position_m: number[][];
+    spin: string[];
+    thrust_n: number[];
+    max_speed_radps: number;
+    min_speed_radps: number;
+    torque_ratio_m: number;
+    lag_up_s: number;
+    lag_down_s: number;
+    inertia_kgm2: number;
+    drag_n_per_radps_mps: number[];
+    lift_n_per_mps2: number;
+  };
+  drag: { linear_n_per_mps: number[]; quadratic_n_per_mps2: number[] };
+}
+
+/** The drones of a flight; the hull is what collides, null if it is also what is shown. */
+export interface DroneInfo {
+  name: string;
+  glb: Uint8Array;
+  hull: Uint8Array | null;
+  spins: number[];
+  hubs: number[][];
+  rotor_m: number;
+  model: Airframe;
+  /** Greatest commanded rates about x, y and z, degrees per second. */
+  most_dps: number[];
+}
+
+/** Where a file of the flight is. */
+export type Place = [begin: number, length: number];
+
 interface Header {
   format: number;
   /** True if the moments are added to an earlier flight, which has all worlds and bodies before the first of these. */
@@ -78,9 +125,9 @@ interface Header {
   envs: number;
   per_env: number;
   rows: number;
-  worlds: (Omit<WorldInfo, "glb"> & { glb: [number, number] })[];
-  bodies: (Omit<BodyInfo, "glb"> & { glb: [number, number] })[];
-  drone: { name: string; glb: [number, number]; hull?: [number, number]; spins: number[]; hubs: number[][]; rotor_m: number } | null;
+  worlds: (Omit<WorldInfo, "glb"> & { glb: Place })[];
+  bodies: (Omit<BodyInfo, "glb"> & { glb: Place })[];
+  drone: (Omit<DroneInfo, "glb" | "hull"> & { glb: Place; hull: Place }) | null;
   scanners: LidarInfo[];
   /** Number of the first image, where it begins, and where each image ends. */
   cameras: (CameraInfo & { first: number; data: number[] })[];
@@ -132,25 +179,34 @@ export class Flight {
   readonly drones: number;
   readonly worlds: WorldInfo[];
   readonly bodies: BodyInfo[];
-  /** The hull is what collides; null if it is also what is shown. */
-  readonly drone: Omit<NonNullable<Header["drone"]>, "glb" | "hull"> & { glb: Uint8Array; hull: Uint8Array | null };
+  readonly drone: DroneInfo;
   readonly lidars: LidarInfo[];
   readonly cameras: CameraInfo[];
   readonly curves: Curves[];
   ends: EpisodeEnd[];
   /** Planned paths of points, one for each env in turn. */
   readonly paths: number[][][];
-  private columns = new Map<string, Column>();
+  private columns: Map<string, Column>;
   private images: { first: number; files: Uint8Array[] }[];
   /** First step of the episode of each drone at each of its ends, ascending. */
   private breaks: number[][];
 
-  constructor(data: ArrayBuffer) {
+  /** Reads what Python has packed. */
+  static read(data: ArrayBuffer): Flight {
     const size = new DataView(data).getUint32(0, true);
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, size))) as Header;
-    if (header.format !== 2) throw new Error(`this page reads flights of format 2, not ${String(header.format)}`);
+    if (header.format !== 3) throw new Error(`this page reads flights of format 3, not ${String(header.format)}`);
     const start = 4 + size + ((8 - ((4 + size) % 8)) % 8);
-    const bytes = ([at, length]: [number, number]): Uint8Array => new Uint8Array(data, start + at, length);
+    const columns = header.arrays.map(({ dtype, at, ...column }): Column => {
+      const length = column.shape.reduce((product, side) => product * side, 1);
+      const Kind = kinds[dtype];
+      if (!Kind) throw new Error(`unknown type ${dtype} of ${column.name}`);
+      return { ...column, values: new Kind(data, start + at, length) };
+    });
+    return new Flight(header, columns, ([at, length]) => new Uint8Array(data, start + at, length));
+  }
+
+  constructor(header: Omit<Header, "format" | "arrays">, columns: Column[], bytes: (place: Place) => Uint8Array) {
     this.title = header.title;
     this.goesOn = header.goes_on;
     [this.firstWorld, this.firstBody] = [header.first_world, header.first_body];
@@ -161,20 +217,16 @@ export class Flight {
     this.drones = this.envs * this.perEnv;
     this.worlds = header.worlds.map((world) => ({ ...world, glb: bytes(world.glb) }));
     this.bodies = header.bodies.map((body) => ({ ...body, glb: bytes(body.glb) }));
-    const drone = header.drone ?? { name: "", glb: [0, 0], spins: [], hubs: [], rotor_m: 0 }; // the earlier flight has it
-    this.drone = { ...drone, glb: bytes(drone.glb), hull: drone.hull && drone.hull[0] !== drone.glb[0] ? bytes(drone.hull) : null };
+    const { drone } = header;
+    const hull = drone && drone.hull[0] !== drone.glb[0] ? bytes(drone.hull) : null;
+    this.drone = drone ? { ...drone, glb: bytes(drone.glb), hull } : ({} as DroneInfo); // the earlier flight has it
     this.lidars = header.scanners;
     this.cameras = header.cameras;
     this.images = header.cameras.map(({ first, data: [begin, ...ends] }) => ({ first, files: ends.map((end, i) => bytes([i ? ends[i - 1] : begin, end - (i ? ends[i - 1] : begin)])) }));
     this.curves = header.curves;
     this.ends = header.ends;
     this.paths = header.paths ?? [];
-    for (const { dtype, at, ...column } of header.arrays) {
-      const length = column.shape.reduce((product, side) => product * side, 1);
-      const Kind = kinds[dtype];
-      if (!Kind) throw new Error(`unknown type ${dtype} of ${column.name}`);
-      this.columns.set(column.name, { ...column, values: new Kind(data, start + at, length) });
-    }
+    this.columns = new Map(columns.map((column) => [column.name, column]));
     this.breaks = Array.from({ length: this.drones }, () => []);
     this.findBreaks(1);
   }
@@ -347,5 +399,5 @@ export async function unpack(text: string): Promise<Flight> {
   const packed = new Uint8Array(binary.length);
   for (let at = 0; at < binary.length; at++) packed[at] = binary.charCodeAt(at);
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  return new Flight(await new Response(stream).arrayBuffer());
+  return Flight.read(await new Response(stream).arrayBuffer());
 }

@@ -3,6 +3,7 @@
 
 import { element, toggle, type Key } from "./controls";
 import { Flight } from "./flight";
+import { stickKeys, Sticks, stickWords } from "./sticks";
 
 /** What the page knows before the first moment. */
 interface Source {
@@ -20,42 +21,15 @@ interface Status {
 
 interface Shown {
   add(next: Flight): void;
-  setMode(mode: "follow"): void;
   setNames(names: string[]): void;
 }
 
 const sendMs = 33;
-/** Share of a stick's way that a key is. */
-const keyShare = 0.4;
-const deadZone = 0.06;
-/** Sticks throttle, roll, pitch and yaw: index and direction. */
-const keys: Record<string, [number, number]> = {
-  w: [0, 1], s: [0, -1], arrowright: [1, 1], arrowleft: [1, -1], arrowup: [2, 1], arrowdown: [2, -1], d: [3, 1], a: [3, -1],
-};
-
-const act = (): void => undefined; // `Live.fly` does it
-/** What the help says of the sticks. */
-const stickKeys: Key[] = [
-  { keys: ["w", "s"], shown: "W S", about: "throttle; gamepad: left stick, up and down", act },
-  { keys: ["a", "d"], shown: "A D", about: "yaw; gamepad: left stick, sideways", act },
-  { keys: ["arrowup", "arrowdown"], shown: "↑ ↓", about: "pitch; gamepad: right stick, up and down", act },
-  { keys: ["arrowleft", "arrowright"], shown: "← →", about: "roll; gamepad: right stick, sideways", act },
-  { keys: ["r"], shown: "R", about: "begin again", act },
-];
-
-/** Sticks of the first gamepad with two sticks: the left one is throttle and yaw. */
-function gamepad(): number[] {
-  const pad = navigator.getGamepads().find((each) => each && each.connected && each.axes.length >= 4);
-  if (!pad) return [0, 0, 0, 0];
-  const [yaw, down, roll, back] = pad.axes;
-  return [-down, roll, -back, yaw].map((value) => (Math.abs(value) < deadZone ? 0 : value));
-}
 
 export class Live {
   private readonly socket: WebSocket;
   private page: Shown | undefined;
   private work: Promise<void> = Promise.resolve();
-  private readonly held = new Set<string>();
   private readonly said = document.createElement("p");
   private readonly env = document.createElement("input");
   private readonly pause = document.createElement("button");
@@ -77,7 +51,9 @@ export class Live {
       else this.work = this.work.then(() => this.receive(data as ArrayBuffer)).catch(this.fail);
     });
     this.socket.addEventListener("close", ({ reason }) => this.end(reason));
-    if (source.flies) this.fly();
+    if (!source.flies) return;
+    const sticks = new Sticks(() => this.send({ reset: true }));
+    setInterval(() => this.send({ sticks: sticks.values() }), sendMs);
   }
 
   private send(message: object): void {
@@ -115,15 +91,14 @@ export class Live {
   }
 
   private async receive(data: ArrayBuffer): Promise<void> {
-    const next = new Flight(data);
+    const next = Flight.read(data);
     if (this.page) this.page.add(next);
     else {
       this.page = await this.show(next, this.source.flies ? stickKeys : []);
       this.page.setNames(this.status?.names ?? []);
-      if (this.source.flies) this.page.setMode("follow");
     }
     this.received++;
-    this.said.textContent = this.source.flies ? "W S A D and arrows, or a gamepad. R begins again" : "";
+    this.said.textContent = this.source.flies ? stickWords : "";
     this.send({ got: true }); // only then the next moment comes: a slow page misses moments
   }
 
@@ -131,24 +106,5 @@ export class Live {
     this.said.textContent = reason || "The program has ended";
     for (const control of element("watch").querySelectorAll<HTMLInputElement | HTMLButtonElement>("input, button")) control.disabled = true;
     if (!this.page) document.body.dataset.state = "ended";
-  }
-
-  private fly(): void {
-    const hold = (event: KeyboardEvent): void => {
-      const key = event.key.toLowerCase();
-      if (event.ctrlKey || event.metaKey || event.altKey || !(key in keys || key === "r")) return;
-      event.stopImmediatePropagation(); // the page's own keys
-      event.preventDefault();
-      if (event.type === "keyup") this.held.delete(key);
-      else if (key !== "r") this.held.add(key);
-      else if (!event.repeat) this.send({ reset: true });
-    };
-    for (const type of ["keydown", "keyup"] as const) addEventListener(type, hold, true);
-    addEventListener("blur", () => this.held.clear());
-    setInterval(() => {
-      const sticks = gamepad();
-      for (const key of this.held) sticks[keys[key][0]] += keyShare * keys[key][1];
-      this.send({ sticks: sticks.map((value) => Math.min(Math.max(value, -1), 1)) });
-    }, sendMs);
   }
 }

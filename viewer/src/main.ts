@@ -6,8 +6,11 @@ import { bindKeys, describe, drawTicks, element, endColor, fillSelect, ImagePane
 import { CurvePanel } from "./curves";
 import { ghostColor } from "./drones";
 import { Flight, unpack } from "./flight";
+import { describeLaps } from "./gates";
 import { Live } from "./live";
+import { canFly, Solo } from "./solo";
 import { Stage, type Choice } from "./stage";
+import { stickKeys } from "./sticks";
 
 THREE.Object3D.DEFAULT_UP.set(0, 0, 1);
 
@@ -48,7 +51,7 @@ class Page {
   /** Names of an env's drones; numbers stand for those without one. */
   private names: string[] = [];
 
-  /** `taken` are keys that the program of a live view uses. */
+  /** `taken` are the keys of a pilot who flies the first drone. */
   constructor(
     readonly flights: Flight[],
     private readonly taken: Key[] = [],
@@ -56,7 +59,8 @@ class Page {
     this.flight = flights[0];
     this.viewer = new Viewer(element("view"), () => this.invalidate());
     this.stage = new Stage(element("view"), this.viewer, () => this.invalidate());
-    this.curves = new CurvePanel(this.flight, element("chips"), element("curves"), (seconds) => this.seek(seconds));
+    this.curves = new CurvePanel(this.flight, element("chips"), element("curves"), (seconds) => this.seek(seconds), taken.length ? 0 : 2);
+    if (taken.length) this.choice.layers.beams = this.choice.layers.frustum = false;
     this.images = this.flight.cameras.map((camera) => new ImagePanel(this.flight, camera));
     const camera = this.flight.cameras[0];
     if (camera) {
@@ -73,7 +77,8 @@ class Page {
     this.bind();
     this.stage.resize();
     this.stage.update(this.choice);
-    this.frameWorld();
+    if (this.taken.length) this.setMode("follow");
+    else this.frameWorld();
     this.curves.show(0);
     new ResizeObserver(() => {
       this.stage.resize();
@@ -95,9 +100,9 @@ class Page {
   /** Adds moments to the flight, and shows the last one if the one before was shown. */
   add(next: Flight): void {
     const { choice, flight } = this;
-    const follows = !next.goesOn || (choice.seconds >= this.total && !this.isPlaying);
+    const follows = !next.goesOn || this.isLatest();
     const gone = flight.add(next);
-    choice.seconds = follows ? this.total : Math.max(choice.seconds - gone, 0);
+    choice.seconds = follows ? flight.seconds : Math.max(choice.seconds - gone, 0);
     if (!next.goesOn) {
       this.stage.renderer.shadowMap.needsUpdate = this.jumped = true;
       for (const panel of this.images) panel.forget();
@@ -105,6 +110,11 @@ class Page {
     }
     this.stage.grow().catch(fail);
     this.isDirty = this.hasGrown = true;
+  }
+
+  /** Returns whether the page shows the last moment of a flight that grows. */
+  isLatest(): boolean {
+    return this.choice.seconds >= this.flight.seconds && !this.isPlaying;
   }
 
   private grow(now: number): void {
@@ -330,6 +340,7 @@ class Page {
     drawTicks(element("ticks"), flight, choice.seconds, this.total, flight.rowOf(choice.drone));
     this.curves.update(choice.seconds);
     for (const panel of this.images) panel.update(choice.drone, step);
+    element("race").textContent = describeLaps(flight, choice.drone, choice.seconds);
     this.describe(step);
     this.describeGhost();
     this.drawn++;
@@ -400,7 +411,25 @@ async function main(): Promise<void> {
   }
   if (!flights.length) throw new Error("the page holds no flight");
   performance.mark("unpacked");
-  await show(flights);
+  if (flights.length > 1 || !canFly(flights[0]) || location.protocol === "about:") await show(flights); // in a notebook there is no address
+  else await offerRace(flights[0]);
+}
+
+/** Shows a recorded race, or at the address with #fly lets the visitor fly against it. */
+async function offerRace(rival: Flight): Promise<void> {
+  const flies = location.hash === "#fly";
+  addEventListener("hashchange", () => location.reload());
+  element("watch").append(Object.assign(document.createElement("a"), { href: flies ? "#" : "#fly", textContent: flies ? "Watch the recorded flight" : "Fly against this drone" }));
+  element("watch").hidden = false;
+  if (!flies) {
+    await show([rival]);
+    return;
+  }
+  const solo = await Solo.make(rival);
+  const own = solo.begin(true);
+  [own.label, rival.label] = ["you", "ghost"];
+  Object.assign(globalThis, { flockstep: { solo } });
+  solo.run(await show([own, rival], stickKeys));
 }
 
 main().catch(fail);

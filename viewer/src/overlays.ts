@@ -30,7 +30,10 @@ export class Overlays {
   private readonly frustum: LineSegments2;
   private readonly contacts: THREE.Sprite[] = [];
   private readonly paths: Line2[];
-  private readonly bodies: { info: BodyInfo; group: THREE.Group }[] = [];
+  private readonly looks: { info: BodyInfo; group: THREE.Group }[] = [];
+  private making: Promise<void> = Promise.resolve();
+  /** Moving objects by their slots: the look of each, and a copy of it. */
+  private readonly slots: { look: number; group: THREE.Group }[] = [];
 
   private constructor(private readonly flight: Flight) {
     const beams = new THREE.BufferGeometry();
@@ -51,23 +54,27 @@ export class Overlays {
 
   static async make(flight: Flight): Promise<Overlays> {
     const overlays = new Overlays(flight);
-    await overlays.makeBodies();
+    await overlays.makeLooks();
     return overlays;
   }
 
-  /** Makes the bodies of the flight that are not there yet, and removes all others. */
-  async makeBodies(): Promise<void> {
-    const { bodies, flight } = this;
-    const kept = bodies.findIndex(({ info }, i) => info !== flight.bodies[i]);
-    for (const { group } of kept < 0 ? [] : bodies.splice(kept)) dispose(group);
-    for (const info of flight.bodies.slice(bodies.length)) {
-      const body = { info, group: new THREE.Group() };
-      bodies.push(body);
-      this.group.add(body.group);
+  /** Makes the looks of moving objects that are not there yet, and removes all others; one call after another. */
+  makeLooks(): Promise<void> {
+    return (this.making = this.making.then(() => this.makeMissing()));
+  }
+
+  private async makeMissing(): Promise<void> {
+    const { looks, flight } = this;
+    const kept = looks.findIndex(({ info }, i) => info !== flight.bodies[i]);
+    if (kept >= 0) for (const slot of this.slots) slot.look = -1;
+    for (const { group } of kept < 0 ? [] : looks.splice(kept)) dispose(group);
+    for (const info of flight.bodies.slice(looks.length)) {
+      const look = { info, group: new THREE.Group() };
       for (const part of await parts(info.glb)) {
         const material = new THREE.MeshLambertMaterial({ color: part.color, emissive: part.emissive, map: part.texture, vertexColors: part.geometry.hasAttribute("color"), flatShading: !part.isSmooth, side: THREE.DoubleSide });
-        body.group.add(new THREE.Mesh(part.geometry, material));
+        look.group.add(new THREE.Mesh(part.geometry, material));
       }
+      looks.push(look);
     }
   }
 
@@ -169,18 +176,24 @@ export class Overlays {
 
   private updateBodies(env: number, seconds: number): void {
     const position = this.flight.column("bodies.position");
-    if (!position) return;
+    const looks = this.flight.column("bodies.look");
+    if (!position || !looks) return;
     const quat = this.flight.column("bodies.quat_wxyz")!;
-    const active = this.flight.column("bodies.active")!;
     const [step, slots] = [this.flight.stepAt(seconds), position.shape[2]];
     const next = Math.min(step + 1, this.flight.steps - 1);
     const part = this.flight.episodeStart(env * this.flight.perEnv, next) <= step ? this.flight.partOf(step, seconds) : 0;
-    for (const { info, group } of this.bodies) {
-      const [at, then] = [step, next].map((moment) => (moment * this.flight.envs + env) * slots + info.body);
-      group.visible = info.env === env && active.values[at] !== 0;
+    for (let i = 0; i < slots; i++) {
+      const [at, then] = [step, next].map((moment) => (moment * this.flight.envs + env) * slots + i);
+      const slot = (this.slots[i] ??= { look: -1, group: new THREE.Group() });
+      const { group } = slot;
+      const look = this.looks[looks.values[at]] ? looks.values[at] : -1;
+      group.visible = look >= 0;
       if (!group.visible) continue;
+      if (look !== slot.look) this.group.add(group.clear().add(this.looks[look].group.clone()));
+      slot.look = look;
       const [from, to] = [new THREE.Vector3(), new THREE.Vector3()];
-      group.position.copy(from.fromArray(position.values, 3 * at).lerp(to.fromArray(position.values, 3 * then), part));
+      const isSame = looks.values[then] === look;
+      group.position.copy(from.fromArray(position.values, 3 * at).lerp(to.fromArray(position.values, 3 * then), isSame ? part : 0));
       const [w, x, y, z] = quat.values.subarray(4 * at, 4 * at + 4);
       group.quaternion.set(x, y, z, w);
     }

@@ -4,6 +4,7 @@ import * as THREE from "three";
 import { Drones } from "./drones";
 import { Overlays, type Layers } from "./overlays";
 import type { Flight } from "./flight";
+import { nextGate } from "./gates";
 import { dispose, Light, peephole, World } from "./world";
 import type { Viewer } from "./cameras";
 
@@ -70,11 +71,12 @@ export class Stage {
     const part = new Part(flight, await Drones.make(flight, this.parts.length > 0), await Overlays.make(flight));
     this.parts.push(part);
     this.scene.add(part.group);
+    this.viewer.radius = Math.max(...this.parts.map(({ drones }) => drones.radius));
   }
 
   /** Makes what has come to a flight that grows. */
   async grow(): Promise<void> {
-    for (const { overlays } of this.parts) await overlays.makeBodies();
+    for (const { overlays } of this.parts) await overlays.makeLooks();
   }
 
   /** The pose of the chosen drone of a flight: position, then quaternion x, y, z, w. */
@@ -148,6 +150,7 @@ export class Stage {
       part.drones.update({ flight: part.flight, drones, seconds, hidden }, { trails: choice.layers.trails, shadows: true, hull: choice.layers.hull });
       part.overlays.update(part.drone, env, seconds, part.drones, choice.layers);
       part.world?.showMarkers(choice.layers.markers);
+      part.world?.gates.show(nextGate(part.flight, part.drone, part.flight.stepAt(seconds)));
       if (i === 0) shown = part.drones.poses.size;
     }
     return shown;

@@ -3,6 +3,7 @@
 import * as THREE from "three";
 import { parts, type Part } from "./glb";
 import type { WorldInfo } from "./flight";
+import { Gates } from "./gates";
 
 /** What hides the followed drone is left out: fragments within a cone from the viewer to it. One set for all materials. */
 export const peephole = {
@@ -63,9 +64,12 @@ function material(part: Part): THREE.Material {
 export class World {
   readonly group = new THREE.Group();
   readonly bounds: THREE.Box3;
+  readonly gates: Gates;
 
   private constructor(readonly info: WorldInfo) {
     this.bounds = new THREE.Box3(new THREE.Vector3(...info.bounds[0]), new THREE.Vector3(...info.bounds[1]));
+    this.gates = new Gates(info.race_gates);
+    this.group.add(this.gates.group);
   }
 
   static async make(info: WorldInfo): Promise<World> {

@@ -28,7 +28,7 @@ from flockstep.bridges.ros_messages import Message, cloud, definition, stamp_of,
 from flockstep.bridges.source import BatchSource, ClientSource, Kind, Source
 from flockstep.errors import did_you_mean
 from flockstep.recording import actions_of
-from flockstep.recordings.capture import actions_in, contents_of
+from flockstep.recordings.capture import arrays_in, contents_of
 from flockstep.recordings.mcap_files import ArrayChannels
 from flockstep.recordings.moment import Moments
 from flockstep.recordings.recording import plain_paths
@@ -172,7 +172,7 @@ class McapRecorder:
         try:
             if self._envs is not None:
                 values, images = self._moments.now()
-                values["actions"] = actions_in(self._envs, self._moments, actions)
+                values |= arrays_in(self._envs, self._moments, actions)
                 self._arrays.write(stamp_ns, values, images)
             for topic, kind, message in messages:
                 self._writer.write_message(topic, self._schema(kind, topic), message, stamp_ns)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 
 from flockstep._core import World
 from flockstep.drone_mesh import DroneMesh
-from flockstep.recordings.moment import Array, Moments
+from flockstep.recordings.moment import GATES, Array, Moments
 from flockstep.recordings.recording import Contents, Recording, plain_paths
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
@@ -52,7 +53,7 @@ class Capture:
         arrays, images = self._moments.now()
         for name, files in images.items():
             self._images.setdefault(name, []).extend(files)
-        arrays["actions"] = actions_in(self._envs, self._moments, actions)
+        arrays |= arrays_in(self._envs, self._moments, actions)
         self._steps.append(arrays)
 
     def recording(self) -> Recording:
@@ -90,13 +91,24 @@ def contents_of(
     )
 
 
-def actions_in(envs: DroneVectorEnv, moments: Moments, actions: npt.ArrayLike | None) -> Array:
-    """Return the actions (R, k) float32 of the rows that are read, NaN if there are none."""
-    space = envs.single_action_space
-    width = int(np.prod(space.shape or (1,)))
-    if actions is None:
-        return np.full((moments.rows, width), np.nan, np.float32)
-    return np.asarray(actions, np.float32).reshape(envs.num_envs, width)[moments.slices["R"]]
+def arrays_in(envs: DroneVectorEnv, moments: Moments, actions: npt.ArrayLike | None) -> dict[str, Array]:
+    """Return what envs add to the arrays of a moment.
+
+    The actions (R, k) float32 of the rows that are read, NaN if there are none, and `GATES` if the task counts them.
+    """
+    width = int(np.prod(envs.single_action_space.shape or (1,)))
+    found = {"actions": np.full((moments.rows, width), np.nan, np.float32)}
+    if actions is not None:
+        found["actions"] = np.asarray(actions, np.float32).reshape(envs.num_envs, width)[moments.slices["R"]]
+    state = vars(envs.task) if isinstance(envs.task, Task) else envs.batch.task_state
+    gates = {name: state[of] for name, of in GATES.items() if _is_count(state.get(of), envs.batch.num_drones)}
+    if len(gates) == len(GATES):
+        found |= {name: values[moments.slices["N"]].astype(np.int32) for name, values in gates.items()}
+    return found
+
+
+def _is_count(values: Any, rows: int) -> bool:
+    return isinstance(values, np.ndarray) and values.shape == (rows,) and values.dtype.kind == "i"
 
 
 def step_seconds(envs: DroneVectorEnv) -> float:

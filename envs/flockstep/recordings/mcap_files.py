@@ -19,7 +19,7 @@ import numpy as np
 
 from flockstep._core import Batch, Bodies, Contact, DroneModel, World
 from flockstep.drone_mesh import DroneMesh
-from flockstep.recordings.moment import Array
+from flockstep.recordings.moment import GATES, Array
 from flockstep.recordings.recording import Contents, plain_paths
 
 FORMAT = "1"
@@ -70,8 +70,8 @@ class ArrayChannels:
         """Write one moment."""
         for index, world in self._contents.worlds.items():
             self._attach(f"world-{index}.glb", world)
-        for (env, body), look in self._contents.bodies.items():
-            self._attach(f"body-{env}-{body}.glb", look)
+        for number, look in enumerate(self._contents.bodies):
+            self._attach(f"body-{number}.glb", look)
         for name, files in images.items():
             for file in files:
                 self._add(f"camera.{name}.jpeg", "jpeg", (), "", time_ns, file)
@@ -222,15 +222,16 @@ def _contents(reader: _Reader, about: Mapping[str, str]) -> Contents:
             images[name] = reader.data.get(f"camera.{name}.jpeg", [])
             index = arrays[f"camera.{name}.image"]
             arrays[f"camera.{name}.image"] = np.where(index < len(images[name]), index, -1).astype(np.int32)
-    worlds, bodies = {}, {}
+    attached: dict[str, dict[int, World]] = {"world": {}, "body": {}}
     for file, data in reader.attachments.items():
-        kind, *numbers = file.removesuffix(".glb").split("-")
-        if kind == "world" and len(numbers) == 1:
-            worlds[int(numbers[0])] = World.from_glb(data)
-        elif kind == "body" and len(numbers) == 2:
-            bodies[int(numbers[0]), int(numbers[1])] = World.from_glb(data)
+        kind, _, number = file.removesuffix(".glb").partition("-")
+        if kind in attached and number.isdecimal():
+            attached[kind][int(number)] = World.from_glb(data)
+    worlds, bodies = attached["world"], attached["body"]
     if not worlds:
         raise ValueError("recording: expected a world, got none")
+    if sorted(bodies) != list(range(len(bodies))):
+        raise ValueError(f"bodies: expected looks with the numbers 0 to {len(bodies) - 1}, got {sorted(bodies)}"[:200])
     mesh = json.loads(about["look"])
     times = np.asarray(reader.times["position"][:moments], np.int64)
     return Contents(
@@ -238,7 +239,7 @@ def _contents(reader: _Reader, about: Mapping[str, str]) -> Contents:
         images=images,
         settings=settings,
         worlds=worlds,
-        bodies=bodies,
+        bodies=[bodies[number] for number in sorted(bodies)],
         drone=DroneModel.from_dict(json.loads(about["drone"])),
         look=None if mesh is None else DroneMesh.from_dict(mesh),
         recipe=about["recipe"],
@@ -273,6 +274,8 @@ def _require_shapes(arrays: Mapping[str, Array], settings: Mapping[str, Any], co
     """Raise ValueError unless arrays have the types and shapes of the engine's list, and fit to the settings."""
     listed = _listed()
     listed["actions"] = "float32", ["R", "columns"]
+    listed["bodies.look"] = "int32", ["E", "B"]
+    listed |= dict.fromkeys(GATES, ("int32", ["N"]))
     counts = {**counts, "terms": len(settings["reward_terms"])}
     for lidar in settings["scanners"]:
         directions = np.asarray(lidar["directions"], np.float32)

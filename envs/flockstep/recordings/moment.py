@@ -15,6 +15,9 @@ Array: TypeAlias = npt.NDArray[Any]
 #: Never part of a recording: settings, counters of the whole program, and what other arrays contain.
 _LEFT_OUT = ("params", "move_line_visible", "beams_visible", "bad_states", "episode_terms", "flying")
 _JPEG_QUALITY = 85
+#: By the names of arrays (N,) int32 of a recording, those of a task, as Race has them: the index of each drone's next
+#: gate, and the number that it has passed in its episode.
+GATES = {"gate.next": "target", "gate.passed": "passed"}
 
 
 class Described(NamedTuple):
@@ -46,10 +49,10 @@ class Moments:
         #: By the letter of the engine's list of arrays, the rows that are read.
         self.slices = {name: slice(first * n // self.envs, first * n // self.envs + n) for name, n in counts.items()}
         self.arrays = self._readers()
-        #: Worlds by their `world_index`, and looks of moving objects by env and slot, as far as they have been seen.
+        #: Worlds by their `world_index`, and looks of moving objects by number, as far as they have been seen.
         self.worlds: dict[int, World] = {}
-        self.bodies: dict[tuple[int, int], World] = {}
-        self._invisible: set[tuple[int, int]] = set()
+        self.bodies: list[World] = []
+        self._looks: dict[tuple[Any, ...], int] = {}
         self._cameras = [camera.name for camera in batch.cameras if {"rgb", "grey"} & set(camera.outputs)]
         self._frames = {name: np.full((2, self.drones), -1, np.int64) for name in self._cameras}
         self._image = {name: np.full(self.drones, -1, np.int32) for name in self._cameras}
@@ -106,10 +109,18 @@ class Moments:
         return episodes + own[self.slices["N"]] if len(own) else episodes
 
     def now(self) -> tuple[dict[str, Array], dict[str, list[bytes]]]:
-        """Return the arrays, and by camera the new images as JPEG files, to which ``camera.NAME.image`` counts."""
-        for env in range(self.envs):
-            self._see_world_and_bodies(env)
+        """Return the arrays, and by camera the new images as JPEG files, to which ``camera.NAME.image`` counts.
+
+        ``bodies.look`` (E, B) int32 counts to the looks of moving objects; -1 is invisible.
+        """
+        for env in range(self.first, self.first + self.envs):
+            if (index := int(self.batch.world_index[env])) not in self.worlds:
+                self.worlds[index] = self.batch.world_of(env * self.batch.drones_per_env)
         arrays = {name: array.read() for name, array in self.arrays.items()}
+        if "bodies.active" in arrays:
+            looks = arrays["bodies.look"] = np.full(arrays["bodies.active"].shape, -1, np.int32)
+            for env, body in np.argwhere(arrays["bodies.active"]).tolist():
+                looks[env, body] = self._look(self.first + env, body)
         images: dict[str, list[bytes]] = {}
         for name in self._cameras:
             camera = self.batch.camera(name)
@@ -124,21 +135,17 @@ class Moments:
             arrays[f"camera.{name}.image"] = self._image[name].copy()
         return arrays, images
 
-    def _see_world_and_bodies(self, env: int) -> None:
-        own = self.first + env  # its number in the batch
-        index = int(self.batch.world_index[own])
-        if index not in self.worlds:
-            self.worlds[index] = self.batch.world_of(own * self.batch.drones_per_env)
-        for body in np.flatnonzero(self.batch.bodies.active[own]) if len(self.batch.bodies) else ():
-            place = (env, int(body))
-            if place in self.bodies or place in self._invisible:
-                continue
-            config = self.batch.bodies.config(own, int(body))
-            look = None if config is None else look_of(config)
-            if look is None:
-                self._invisible.add(place)
-            else:
-                self.bodies[place] = look
+    def _look(self, env: int, body: int) -> int:
+        """Return the number of the look of a moving object. A slot may hold another object at each moment."""
+        config = self.batch.bodies.config(env, body)
+        if config is None or config.visibility == "solid":
+            return -1
+        mesh = config.mesh  # kept by its look, so that no other one gets its id
+        key = (config.name, config.shape, *config.size_m, *config.color, id(mesh))
+        if key not in self._looks:
+            self._looks[key] = len(self.bodies)
+            self.bodies.append(look_of(config) if mesh is None else mesh)
+        return self._looks[key]
 
 
 def _reader(owner: Any, name: str, rows: slice) -> Callable[[], Array]:
@@ -157,12 +164,8 @@ def _ranges_of(batch: Batch, name: str, drones: slice) -> Callable[[], Array]:
     return read
 
 
-def look_of(body: BodyConfig) -> World | None:
-    """Return the look of a moving object around its own origin, or None if it is invisible."""
-    if body.visibility == "solid":
-        return None
-    if body.shape == "mesh":
-        return body.mesh
+def look_of(body: BodyConfig) -> World:
+    """Return the look of a moving object without a mesh around its own origin."""
     x, y, z = (float(size) for size in body.size_m)
     round_size: dict[str, Any] = {"radius": x / 2} if body.shape == "sphere" else {"radius": x / 2, "height": z}
     kind = {"box": "boxes", "sphere": "spheres", "cylinder": "cylinders", "capsule": "capsules"}[body.shape]

@@ -45,7 +45,7 @@ class Contents:
     images: dict[str, list[bytes]]
     settings: dict[str, Any]  # `Moments.settings`
     worlds: dict[int, World]  # by `world_index`
-    bodies: dict[tuple[int, int], World]  # looks of moving objects by env and slot
+    bodies: list[World]  # looks of moving objects, to which ``bodies.look`` counts
     drone: DroneModel
     look: DroneMesh | None
     recipe: str
@@ -61,7 +61,8 @@ class Recording:
 
     ``recording["position"]`` is the array (T, N, 3) of T moments; the names are those of the arrays of a batch, such as
     ``"contact.point"``, and ``"lidar.NAME.ranges"`` and ``"actions"``. The first moment is before the first step, and
-    has NaN as actions.
+    has NaN as actions. If the task counts gates, ``"gate.next"`` (T, N) is the index of each drone's next gate and
+    ``"gate.passed"`` (T, N) the number that it has passed in its episode.
 
     Parameters
     ----------

@@ -36,7 +36,8 @@ def add_train(parser: argparse.ArgumentParser) -> None:
     threads = "threads of simulator and learner; 0: one per core. results are bit-identical for any number"
     parser.add_argument("--threads", type=int, default=0, help=threads)
     parser.add_argument("--steps", type=_count, help="steps of all drones together; default: the row's")
-    parser.add_argument("--view", action="store_true", help="show the training in a browser")
+    shown = "show the training in a browser; a row of APG shows only the last step of each window"
+    parser.add_argument("--view", action="store_true", help=shown)
     parser.add_argument("--out", type=Path, help="file of the policy; default: TRAINING.zip")
 
 
@@ -48,6 +49,7 @@ def add_evaluate(parser: argparse.ArgumentParser) -> None:
     _add_learner(parser)
     _add_flights(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    _add_view(parser)
 
 
 def add_record(parser: argparse.ArgumentParser) -> None:
@@ -58,6 +60,7 @@ def add_record(parser: argparse.ArgumentParser) -> None:
     kinds = ".mp4, .gif, .html or .mcap; default: TRAINING.mp4"
     parser.add_argument("film", metavar="FILM", nargs="?", type=Path, help=kinds)
     parser.add_argument("--seed", type=int, default=UNSEEN_SEEDS.start, help="seed of the flight")
+    _add_view(parser)
 
 
 def _add_training(parser: argparse.ArgumentParser, run: Callable[[argparse.Namespace], None]) -> None:
@@ -69,6 +72,11 @@ def _add_training(parser: argparse.ArgumentParser, run: Callable[[argparse.Names
 def _add_learner(parser: argparse.ArgumentParser) -> None:
     learner = "flockstep.PPO, or Stable-Baselines3's, whose files run code when they are loaded"
     parser.add_argument("--learner", choices=("flockstep", "sb3"), default="flockstep", help=learner)
+
+
+def _add_view(parser: argparse.ArgumentParser) -> None:
+    shown = "show the flights in a browser, at the speed of flight; they begin when its page is open"
+    parser.add_argument("--view", action="store_true", help=shown)
 
 
 def _add_flights(parser: argparse.ArgumentParser) -> None:
@@ -141,7 +149,8 @@ def _train(arguments: argparse.Namespace) -> None:
     seconds = time.perf_counter() - before
     model.save(out)
     print(f"{model.num_timesteps:,} steps in {seconds:.1f} s; {out}", flush=True)
-    print(_said(_judged(training, load(out, arguments.learner), arguments), _flights(training, arguments)))
+    verdict = judge(training, load(out, arguments.learner), _flights(training, arguments), _UNSEEN, ProgressLine())
+    print(_said(verdict, _flights(training, arguments)))
 
 
 def _evaluate(arguments: argparse.Namespace) -> None:
@@ -153,7 +162,8 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     else:
         flyers = ", ".join(training.baselines) or "none"
         raise ValueError(f"POLICY: expected a {_KNOWN}, or a flyer without one ({flyers}), got {arguments.policy!r}")
-    verdict, flights = _judged(training, flyer, arguments), _flights(training, arguments)
+    flights = _flights(training, arguments)
+    verdict = judge(training, flyer, flights, _UNSEEN, ProgressLine(), watch=arguments.view)
     if arguments.json:
         asked = {"training": arguments.name, "policy": arguments.policy, "flights": flights}
         print(json.dumps({**asked, "success": verdict.success, "crashed": verdict.crashed, **verdict.more}))
@@ -165,7 +175,7 @@ def _record(arguments: argparse.Namespace) -> None:
     training, path = _asked(arguments), arguments.film or Path(f"{arguments.name.rpartition(':')[2]}.mp4")
     model = _policy(arguments)
     path.parent.mkdir(parents=True, exist_ok=True)
-    record(path, model, training.env, seed=arguments.seed, **training.film)
+    record(path, model, training.env, seed=arguments.seed, watch=arguments.view, **training.film)
     print(path)
 
 
@@ -187,10 +197,6 @@ def _asked(arguments: argparse.Namespace) -> Training:
 
 def _flights(training: Training, arguments: argparse.Namespace) -> int:
     return arguments.flights or training.flights
-
-
-def _judged(training: Training, flyer: Any, arguments: argparse.Namespace) -> Verdict:
-    return judge(training, flyer, _flights(training, arguments), _UNSEEN, ProgressLine())
 
 
 def _said(verdict: Verdict, flights: int) -> str:

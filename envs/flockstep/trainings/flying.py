@@ -70,7 +70,12 @@ class Verdict:
 
 
 def fly(
-    training: Training, policy: Any, flights: int, seed: int, progress: ProgressLine | None = None
+    training: Training,
+    policy: Any,
+    flights: int,
+    seed: int,
+    progress: ProgressLine | None = None,
+    watch: bool = False,
 ) -> dict[str, Flights]:
     """Fly the flights that judge a training, by kind.
 
@@ -82,12 +87,14 @@ def fly(
         Flights of each kind; the seeds of flights and generated worlds begin with this one.
     progress
         Shows how many flights have ended.
+    watch
+        Show the envs of each kind in a browser, at the speed of flight.
     """
     flown = {}
     for kind, keywords in training.judged(flights, seed).items():
         own = policy.keywords if isinstance(policy, Flyer) else {}
         rest = {**keywords, **own}
-        envs = make_same_step("evaluate", training.env, rest.pop("flights", flights), **rest)
+        envs = make_same_step("evaluate", training.env, rest.pop("flights", flights), watch=watch, **rest)
         measure = None if training.measure is None else training.measure(envs)
         act = policy.in_envs(envs) if isinstance(policy, Flyer) else policy
         told = envs.task.info_names if isinstance(envs.task, Task) else ()
@@ -108,9 +115,16 @@ def fly(
     return flown
 
 
-def judge(training: Training, policy: Any, flights: int, seed: int, progress: ProgressLine | None = None) -> Verdict:
+def judge(
+    training: Training,
+    policy: Any,
+    flights: int,
+    seed: int,
+    progress: ProgressLine | None = None,
+    watch: bool = False,
+) -> Verdict:
     """Fly the flights that judge a training, and return the verdict; the arguments are those of `fly`."""
-    flown = fly(training, policy, flights, seed, progress)
+    flown = fly(training, policy, flights, seed, progress, watch)
     chosen = [flown[kind] for kind in training.over or flown]
     flown[""] = Flights(
         np.concatenate([each.success for each in chosen]),

@@ -22,6 +22,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> None:
+    """Show the recordings; exit with status 2 if an argument is not one."""
+    try:
+        _show(arguments)
+    except ValueError as error:
+        print(f"flockstep view: {error}"[:200], file=sys.stderr)
+        sys.exit(2)
+
+
+def _show(arguments: argparse.Namespace) -> None:
     """Write a page if there is none yet, print its path, and open it if there is a display."""
     paths: list[Path] = [path for path in (arguments.recording, arguments.ghost) if path is not None]
     out: Path | None = arguments.out
@@ -29,6 +38,8 @@ def main(arguments: argparse.Namespace) -> None:
         raise ValueError(f"out: expected a name that ends with .html, got {str(out)!r}")
     if out is not None and out.resolve() in [path.resolve() for path in paths]:
         raise ValueError(f"out: expected another file than the recordings, got {str(out)!r}")
+    if out is not None and not out.parent.is_dir():
+        raise ValueError(f"out: expected a file in a directory that exists, got {str(out)!r}")
     if out is None and len(paths) == 1 and paths[0].suffix.lower() == ".html":
         page.flight_in(paths[0])  # an error if it is another page
         out = paths[0]

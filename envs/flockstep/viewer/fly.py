@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import time
 from contextlib import closing, suppress
 from functools import partial
 from typing import Any
@@ -15,7 +14,7 @@ from gymnasium import spaces
 from flockstep import policies, scenes
 from flockstep._core import Batch, engine_tasks
 from flockstep.registration import make_by_id
-from flockstep.rotations import yaw_of
+from flockstep.rotations import quat_from_rpy, yaw_of
 from flockstep.task import Task
 from flockstep.trainings.table import TRAININGS
 from flockstep.vector_env import DroneVectorEnv
@@ -27,18 +26,37 @@ _YAW = 0.25  # share of half a turn that a stick turns away from the current hea
 
 
 class ByHand(Task):
-    """A flight without aim and end."""
+    """A flight without end, which counts the gates of its world."""
 
     action_space = spaces.Box(-1, 1, (4,), np.float32)
     observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float32)
+    reward_terms = ("gate",)
+    records_path = True
+
+    def setup(self, batch: Batch) -> None:
+        """Begin before the first gate."""
+        self.gates = len(batch.worlds[0].gates)
+        self.target, self.passed = np.zeros((2, batch.num_drones), np.int64)
+
+    def reset(self, batch: Batch, mask: Any) -> None:
+        """Begin at the start, level, and face the first gate, or else where the way leads."""
+        world, place = batch.worlds[0], batch.terms.start()
+        aims = [*(gate["center"] for gate in world.gates), *world.waypoints, world.goal]
+        ahead = np.zeros_like(place) if aims[0] is None else np.asarray(aims[0], np.float32) - place
+        heading = np.arctan2(ahead[:, 1], ahead[:, 0])
+        batch.set_pose(place, quat_from_rpy(np.stack([0 * heading, 0 * heading, heading], axis=-1)), mask)
+        self.target[mask] = self.passed[mask] = 0
 
     def act(self, batch: Batch, actions: Any) -> Any:
         """Command what the sticks say."""
         return batch.terms.command(actions)
 
     def step(self, batch: Batch) -> Any:
-        """Reward nothing."""
-        return np.zeros(batch.num_drones), np.zeros(batch.num_drones, bool)
+        """Reward each gate."""
+        passed = batch.terms.crossed(self.target)[0] if self.gates else np.zeros(batch.num_drones, np.int32)
+        self.passed += passed
+        self.target[:] = self.passed % max(self.gates, 1)
+        return passed, np.zeros(batch.num_drones, bool)
 
     def observe(self, batch: Batch) -> Any:
         """Observe the position."""
@@ -73,9 +91,7 @@ def fly(envs: DroneVectorEnv, live: LiveView, mode: str, ghost: Any = None) -> N
     """Fly by the sticks of a page, while there is one, until the view is closed."""
     observation, _ = envs.reset(seed=0)
     while live.is_open:
-        if not live.is_watched:
-            time.sleep(0.05)
-            continue
+        live.wait()
         if live.take_reset():
             observation, _ = envs.reset()
         actions = np.zeros((envs.num_envs, 4), np.float32)

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep.pictures.shown import Actions
-from flockstep.recordings.capture import actions_in, contents_of, step_seconds
+from flockstep.recordings.capture import arrays_in, contents_of, step_seconds
 from flockstep.recordings.moment import Moments
 from flockstep.recordings.recording import Contents, Recording
 from flockstep.vector_env import DroneVectorEnv
@@ -37,8 +37,10 @@ _SHARE = 0.05
 _MOST_PAGES = 8
 _MOST_UNANSWERED = 2  # moments on their way to a page
 _MOST_WORLDS = 32  # of a page; then it gets a new flight
+_MOST_LOOKS = 256  # the same of moving objects
 _MOST_MESSAGE_BYTES = 4096
 _STICKS_LAST_S = 0.5
+_CTRL_C_S = 0.2  # longest wait: so short that Ctrl-C ends it on every system
 _PLACE = "default-src 'none';"  # in the page's Content-Security-Policy
 
 
@@ -53,7 +55,7 @@ class LiveView:
         Names of an env's drones in the page, the first drone's first. Default: none; their numbers are shown.
     """
 
-    def __init__(self, envs: DroneVectorEnv, local_port: int, flies: bool) -> None:
+    def __init__(self, envs: DroneVectorEnv, local_port: int, flies: bool, real_time: bool) -> None:
         serve = require()
         self._query = f"token={secrets.token_urlsafe(16)}"
         self._num_envs, self._step_s = envs.num_groups, step_seconds(envs)
@@ -68,7 +70,8 @@ class LiveView:
         # Pages come and go on the thread of the server; the program's thread reads this tuple.
         self._pages: tuple[_Page, ...] = ()
         self._changed = threading.Condition()
-        self._flies, self._is_paused, self._is_timed, self._allowed = flies, False, flies, 0
+        self._begins_timed = self._is_timed = flies or real_time
+        self._is_paused, self._allowed = False, 0
         self._steps, self._moment, self._due = 0, 0, 0.0
         self.names: tuple[str, ...] = ()
         self._stick_values, self._sticks_at, self._resets = (0.0, 0.0, 0.0, 0.0), -math.inf, False
@@ -97,6 +100,12 @@ class LiveView:
         """Return whether a page has asked for a reset since the last call."""
         asked, self._resets = self._resets, False
         return asked
+
+    def wait(self) -> None:
+        """Wait until a page is open, or the view is closed."""
+        with self._changed:
+            while self.is_open and not self.is_watched:
+                self._changed.wait(_CTRL_C_S)
 
     def close(self) -> None:
         """End the server. A program that a page has paused goes on."""
@@ -148,7 +157,7 @@ class LiveView:
         with self._changed:
             while self._is_paused and self._allowed == 0:
                 self._show(actions)  # a page may have chosen another env
-                self._changed.wait(0.2)  # so short that Ctrl-C ends it on every system
+                self._changed.wait(_CTRL_C_S)
             self._allowed = max(self._allowed - 1, 0)
         if self._is_timed:
             now = time.monotonic()
@@ -198,8 +207,10 @@ class LiveView:
             return
         opened = _Page(connection)
         sending = asyncio.create_task(opened.send_all())
-        self._pages = (*self._pages, opened)
         envs._watched = self
+        with self._changed:
+            self._pages = (*self._pages, opened)
+            self._changed.notify_all()
         del envs  # the server keeps no envs alive
         try:
             await self._say()
@@ -219,7 +230,7 @@ class LiveView:
         if envs is not None:
             envs._watched = None
         with self._changed:
-            self._is_paused, self._is_timed = False, self._flies
+            self._is_paused, self._is_timed = False, self._begins_timed
             self._changed.notify_all()
 
     async def _say(self) -> None:
@@ -280,19 +291,20 @@ class _Page:
             return None
         if moment == self._moment and not begins:
             return None  # the page of a paused program has it
-        if source is None or self._contents is None or begins or len(source.worlds) > _MOST_WORLDS:
+        is_full = source is not None and (len(source.worlds) > _MOST_WORLDS or len(source.bodies) > _MOST_LOOKS)
+        if source is None or self._contents is None or begins or is_full:
             worlds = {} if source is None or len(source.worlds) > _MOST_WORLDS else source.worlds
             source, begins, self._began_s = Moments(envs.batch, 1, self.env), True, time_s
             source.worlds, self._ended = worlds, None
             self._source, self._contents = source, contents_of(envs, source)
         arrays, images = source.now()
-        arrays["actions"] = actions_in(envs, source, actions() if callable(actions) else actions)
+        arrays |= arrays_in(envs, source, actions() if callable(actions) else actions)
         contents = replace(
             self._contents,
             arrays={name: values[None] for name, values in arrays.items()},
             images=images,
             worlds=dict(source.worlds),
-            bodies=dict(source.bodies),
+            bodies=list(source.bodies),
             times_s=np.array([time_s - self._began_s]),
             ended_before=self._ended,
         )
@@ -340,7 +352,9 @@ def require() -> Callable[..., Any]:
     return serve
 
 
-def view(envs: Any, *, local_port: int = 0, browser: bool = True, flies: bool = False) -> LiveView:
+def view(
+    envs: Any, *, local_port: int = 0, browser: bool = True, flies: bool = False, real_time: bool = False
+) -> LiveView:
     """Show envs in a browser while your program steps them, trains in them or evaluates a policy in them.
 
     The page has one env at a time. It can pause the program between two env steps, step it, and slow it down to the
@@ -360,6 +374,8 @@ def view(envs: Any, *, local_port: int = 0, browser: bool = True, flies: bool = 
         Open a browser if there is a display; without one, print the address.
     flies
         Send sticks from the page, for `LiveView.sticks`, and step at the speed of flight.
+    real_time
+        Step at the speed of flight while a page is open, unless it chooses otherwise.
 
     Returns
     -------
@@ -385,7 +401,7 @@ def view(envs: Any, *, local_port: int = 0, browser: bool = True, flies: bool = 
     is_number = isinstance(local_port, (int, np.integer)) and not isinstance(local_port, bool)
     if not is_number or not 0 <= local_port < 1 << 16:
         raise ValueError(f"local_port: expected an integer from 0 to 65535, got {local_port!r}")
-    made = found._live = LiveView(found, int(local_port), flies)
+    made = found._live = LiveView(found, int(local_port), flies, real_time)
     if browser:
         _open(made.address)
     return made

@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import DroneModel, Light, World
+from flockstep._core import DroneModel, DynamicsConfig, Light, World
 from flockstep.drone_mesh import DroneMesh
 from flockstep.quadrotor_mesh import hull_faces, rotors_of
+from flockstep.recordings.moment import GATES
 from flockstep.recordings.recording import Recording
+from flockstep.serialization import to_plain
 
 Array = npt.NDArray[Any]
 
-FORMAT = 2
+FORMAT = 3
 _KINDS = {"float64": "f8", "float32": "f4", "int32": "i4", "uint16": "u2", "uint8": "u1"}
 _DOWN = np.array([0, 0, -1], np.float32)
 _NO_RANGE = 65535
@@ -99,9 +101,9 @@ def pack(recording: Recording, had: Had | None = None) -> bytes:
     for name in ("velocity", "rotor_speed", "bodies.position", "bodies.quat_wxyz", "contact.point"):
         if name in recording:
             packer.add(name, recording[name].astype(np.float32))
-    for name in ("contact.hit", "bodies.active"):
+    for name, kind in {"contact.hit": np.uint8, **dict.fromkeys(("bodies.look", *GATES), np.int32)}.items():
         if name in recording:
-            packer.add(name, recording[name].astype(np.uint8))
+            packer.add(name, recording[name].astype(kind))
     curves = []
     for title, name in _CURVES:
         if name not in recording and name != "above_m":
@@ -128,8 +130,7 @@ def pack(recording: Recording, had: Had | None = None) -> bytes:
         ],
         "first_body": had.bodies,
         "bodies": [
-            {"env": env, "body": body, "name": look.name, "glb": packer.place(look.to_glb())}
-            for (env, body), look in list(recording._contents.bodies.items())[had.bodies :]
+            {"name": look.name, "glb": packer.place(look.to_glb())} for look in recording._contents.bodies[had.bodies :]
         ],
         "drone": None if had.goes_on else _drone(packer, recording.drone, recording.drone_mesh),
         "scanners": [_lidar(packer, lidar, recording, had) for lidar in settings["scanners"]],
@@ -209,6 +210,7 @@ def _world(packer: _Packer, world: World, cut_m: float | None) -> dict[str, Any]
         "through": [_place(place) for place in world.waypoints],
         "goal": _place(world.goal),
         "marker_m": float(world.marker_radius_m),
+        "race_gates": to_plain(world.gates),
         "bounds": np.asarray(world.bounds, float).tolist(),
         "sun": [float(part) for part in Light(**world.light).sun_direction],
     }
@@ -225,6 +227,7 @@ def _drone(packer: _Packer, drone: DroneModel, mesh: DroneMesh | None) -> dict[s
     if is_quadrotor:
         mesh = DroneMesh._quadrotor(drone, _COLORS, propellers=False)
     hubs, spins, radius = rotors_of(drone) if is_quadrotor else (np.zeros((0, 3)), [], 0.0)
+    limits = DynamicsConfig()
     return {
         "name": drone.name,
         "glb": packer.place((mesh or hull).world().to_glb()),
@@ -232,6 +235,8 @@ def _drone(packer: _Packer, drone: DroneModel, mesh: DroneMesh | None) -> dict[s
         "hubs": hubs.tolist(),
         "spins": [1 if spin == "ccw" else -1 for spin in spins],
         "rotor_m": radius,
+        "model": drone.to_dict(),  # by which the page itself can fly it
+        "most_dps": [limits.max_rate_dps, limits.max_rate_dps, limits.max_yaw_rate_dps],
     }
 
 

@@ -50,11 +50,17 @@ def flight_in(path: str | PathLike[str]) -> Recording | str:
         The file is neither.
     """
     suffix = Path(path).suffix.lower()
-    if suffix == ".mcap":
-        return Recording(path)
-    if suffix != ".html":
+    if suffix not in (".html", ".mcap"):
         raise ValueError(f"path: expected a name that ends with .html or .mcap, got {fspath(path)!r}")
-    text = Path(path).read_bytes()
+    if not os.path.isfile(path):
+        what = "a directory" if os.path.isdir(path) else "no file"
+        raise ValueError(f"path: expected a file, got {fspath(path)!r}, which is {what}")
+    try:
+        if suffix == ".mcap":
+            return Recording(path)
+        text = Path(path).read_bytes()
+    except PermissionError:
+        raise ValueError(f"path: expected a file that you may read, got {fspath(path)!r}") from None
     found = re.search(_BLOCK.format("[^>]*", r"([\w+/=\s]+)").encode(), text)
     if found is None or not text.rstrip().endswith(b"</html>"):  # or it was cut short
         raise ValueError(f"path: expected a page that replays a flight, got {fspath(path)!r}")

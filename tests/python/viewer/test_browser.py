@@ -9,6 +9,7 @@ import gzip
 import numpy as np
 import pytest
 from chromium import CHROMIUM, drawn, opened_tab, wait
+from test_recordings import replaced_objects
 
 import flockstep
 from flockstep.recordings import Capture
@@ -259,7 +260,7 @@ def test_a_damaged_page_says_so(tab, damage, flight, tmp_path):
     elif damage == "not gzip":
         block = base64.b64encode(data).decode()
     elif damage == "format":
-        block = base64.b64encode(gzip.compress(data.replace(b'"format": 2', b'"format": 9', 1))).decode()
+        block = base64.b64encode(gzip.compress(data.replace(b'"format": 3', b'"format": 9', 1))).decode()
     elif damage == "counts":
         block = base64.b64encode(gzip.compress(data.replace(b'"shape": [26,', b'"shape": [999999999,', 1))).decode()
     blocks = "" if damage == "none" else f'<script type="application/gzip">{block}</script>'
@@ -276,6 +277,18 @@ def test_a_swarm_is_drawn_by_few_calls(tab, tmp_path):
     drawn(tab, "flockstep.page.seek(0.2)")
     assert tab.evaluate("flockstep.page.stage.parts[0].drones.poses.size") == 300
     assert tab.evaluate("flockstep.page.stage.renderer.info.render.calls") < 40
+
+
+def test_a_slot_shows_the_object_that_it_holds_at_each_moment(tab, tmp_path):
+    replaced_objects().save(tmp_path / "flight.html")
+    opened(tab, tmp_path / "flight.html")
+    shown = """(([{group}, other]) => [
+        group.visible && group.children[0].children.map(({material}) => material.color.getHexString()),
+        other.group.visible,
+    ])(flockstep.page.stage.parts[0].overlays.slots)"""
+    for moment, colors in enumerate((["ff0000"], ["00ff00"], ["ff0000"], False, False)):
+        drawn(tab, f"flockstep.page.seek({moment / 10 + 1e-4})")
+        assert tab.evaluate(shown) == [colors, False]
 
 
 def test_hull_cameras_and_planned_paths(tab, tmp_path):

@@ -13,6 +13,8 @@ import pytest
 from websockets.sync.client import connect
 
 import flockstep
+from flockstep.recordings import Capture
+from flockstep.rotations import yaw_of
 from flockstep.viewer import fly, page
 
 pytestmark = pytest.mark.skipif(not page.is_built(), reason="no page: this build had no Node.js")
@@ -57,6 +59,26 @@ def test_each_stick_moves_the_drone_its_way(mode, through):
     assert turned < -0.02  # to the right
     moved, turned = flown(mode, (0, 0, 0, 0), through=through)
     np.testing.assert_allclose([*moved, turned], 0, atol=0.05)
+
+
+def test_gates_are_counted_and_recorded_and_the_first_lies_ahead():
+    envs = made("body_rates", world="race/figure-8")
+    envs.reset(seed=0)
+    capture, first = Capture(envs), np.array(envs.batch.worlds[0].gates[0]["center"])
+    way = first - envs.batch.position[0]
+    np.testing.assert_allclose(yaw_of(envs.batch.quat_wxyz), np.arctan2(way[1], way[0]), atol=1e-6)
+    rewards = []
+    envs.batch.set_velocity(6 * way[None] / np.linalg.norm(way))
+    for _ in range(20):  # about two metres: through the first gate, and not to the second
+        capture.add()
+        rewards.append(float(envs.step(np.zeros((1, 4), np.float32))[1][0]))
+    recording = capture.recording()
+    assert sum(rewards) == 1
+    counted = [0, *np.cumsum(rewards)[:-1]]
+    np.testing.assert_array_equal(recording["gate.passed"][:, 0], counted)
+    np.testing.assert_array_equal(recording["gate.next"][:, 0], counted)
+    envs.reset()
+    assert (envs.task.target, envs.task.passed) == ([0], [0])
 
 
 def test_a_ghost_races_beside_the_hand_and_r_begins_again():

@@ -17,7 +17,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from messages import refused
 from simple_tasks import Still
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 import flockstep
@@ -446,6 +446,43 @@ def test_the_command_train_opens_a_view(tmp_path, headless):
     command = [sys.executable, "-m", "flockstep", "train", "hover", *options]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=240, check=True)
     assert "flockstep: watch at http://127.0.0.1:" in ended.stderr
+
+
+@pytest.mark.parametrize("asked", ["evaluate hover controller --flights 4", "record hover hover {}/flight.html"])
+def test_the_commands_evaluate_and_record_fly_for_a_page(asked, tmp_path, headless):
+    command = [sys.executable, "-m", "flockstep", *asked.format(tmp_path).split(), "--view"]
+    program = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    address = next(line.split()[-1] for line in program.stderr if "watch at" in line)
+    watcher = Watcher(address)  # nothing flies before it is there
+    watcher.until(lambda: len(watcher.moments) > 2 and watcher.status)
+    assert watcher.status["real_time"]
+    assert np.isnan(watcher.moments[0]["actions"]).all()  # of the reset
+    watcher.say(real_time=False)
+    with pytest.raises(ConnectionClosed):
+        watcher.until(lambda: False)
+    out, _ = program.communicate(timeout=PATIENCE_S)
+    assert program.returncode == 0
+    assert "of 4 flights succeed" in out or "flight.html" in out
+
+
+def test_waiting_for_a_page_ends_with_the_view_and_by_ctrl_c(monkeypatch):
+    envs = made(1)
+    live = flockstep.view(envs, browser=False)
+    thread = threading.Thread(target=live.wait)
+    thread.start()
+    held(live)
+    live.close()
+    thread.join(PATIENCE_S)
+    assert not thread.is_alive()
+    with flockstep.view(envs, browser=False) as live:
+
+        def interrupted(seconds):
+            assert 0 < seconds <= 1  # a wait without a limit ignores Ctrl-C on some systems
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(live._changed, "wait", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            live.wait()
 
 
 def test_no_thread_is_left():

@@ -14,7 +14,7 @@ from messages import refused
 from simple_tasks import Still
 
 import flockstep
-from flockstep.recordings import Capture, Recording
+from flockstep.recordings import Capture, Recording, mcap_files
 from flockstep.viewer import page
 
 needs_page = pytest.mark.skipif(not page.is_built(), reason="no page for replays: this build had no Node.js")
@@ -85,6 +85,56 @@ def test_files_give_back_every_array(varied, tmp_path):
         assert read[name].dtype == recording[name].dtype
     assert (read.images, read.ends, read.title) == (recording.images, recording.ends, recording.title)
     assert [world.to_glb() for world in read.worlds.values()] == [w.to_glb() for w in recording.worlds.values()]
+
+
+def replaced_objects():
+    """A recording of one slot with a red box, a green ball, the box again, one that is invisible, and nothing."""
+    envs = flockstep.DroneVectorEnv(1, worlds="playground/train-1", max_bodies=2)
+    envs.reset(seed=0)
+    capture, places = Capture(envs), {"position_m": (3, 3, 2)}
+    red = flockstep.BodyConfig(name="red", color=(1, 0, 0), **places)
+    green = flockstep.BodyConfig(name="green", color=(0, 1, 0), shape="sphere", **places)
+    for body in (red, green, red, flockstep.BodyConfig(visibility="solid", **places), None):
+        envs.batch.bodies.remove()
+        if body is not None:
+            envs.batch.bodies.spawn(body)
+        capture.add()
+    return capture.recording()
+
+
+def test_a_slot_that_is_used_again_gets_its_new_look(tmp_path, monkeypatch):
+    recording = replaced_objects()
+    recording.save(tmp_path / "flight.mcap")
+    for each in (recording, Recording(tmp_path / "flight.mcap")):
+        np.testing.assert_array_equal(each["bodies.look"][:, 0], [[0, -1], [1, -1], [0, -1], [-1, -1], [-1, -1]])
+        assert [look.name for look in each._contents.bodies] == ["red", "green"]
+    attach = mcap_files.ArrayChannels._attach
+    monkeypatch.setattr(
+        mcap_files.ArrayChannels,
+        "_attach",
+        lambda channels, name, look: name != "body-0.glb" and attach(channels, name, look),
+    )
+    recording.save(tmp_path / "damaged.mcap")
+    with refused(ValueError, "bodies", "0 to 0", "[1]"):
+        Recording(tmp_path / "damaged.mcap")
+
+
+def test_a_race_is_recorded_with_the_gates_that_were_passed():
+    policy = flockstep.policies.load("race")
+    envs = flockstep.DroneVectorEnv(2, task=flockstep.RaceConfig(start="gate"), autoreset_mode="disabled")
+    observation, _ = envs.reset(seed=0)
+    capture, rewards = Capture(envs), np.zeros((1, 2))
+    capture.add()
+    for _ in range(100):
+        observation, *_ = envs.step(policy.predict(observation, deterministic=True)[0])
+        capture.add()
+        rewards = np.vstack([rewards, envs.batch.reward_terms[:, envs.batch.spec.reward_terms.index("gate")]])
+    recording = capture.recording()
+    passed = np.round(np.cumsum(rewards, axis=0) / flockstep.RaceConfig().gate_weight)
+    assert passed[-1].min() > 0
+    np.testing.assert_array_equal(recording["gate.passed"], passed)
+    np.testing.assert_array_equal((recording["gate.next"] - recording["gate.next"][0]) % 7, passed % 7)
+    assert "gate.next" not in flown(steps=1)[1]
 
 
 @pytest.mark.parametrize("suffix", [".mcap", ".html"])

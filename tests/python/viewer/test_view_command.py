@@ -1,9 +1,11 @@
 """``flockstep view``: pages from recordings, opened only where there is a display."""
 
 import html
+import os
 import re
 import shutil
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -86,18 +88,43 @@ def test_a_page_of_two_gives_its_first(view, files, tmp_path):
     assert steps_in(tmp_path / "again.html") == [10, 6]
 
 
-def test_what_is_no_recording_is_refused_before_a_page_is_written(view, files, tmp_path):
+DENIED = "expected a file that you may read, got '{}'"
+
+
+def denied(path):
+    raise PermissionError(13, "Permission denied", str(path))
+
+
+def test_what_is_no_recording_is_refused_before_a_page_is_written(command, files, tmp_path, monkeypatch):
     (tmp_path / "other.html").write_text("<script>1</script>")
     (tmp_path / "cut.html").write_bytes((files / "a.html").read_bytes()[:-20_000])
     (tmp_path / "noise.mcap").write_bytes(np.random.default_rng(0).bytes(5000))
+    (tmp_path / "folder.html").mkdir()
+    os.mkfifo(tmp_path / "pipe.html")  # opening one waits for a writer
     before = sorted(tmp_path.iterdir())
-    for name in ("other.html", "cut.html", "noise.mcap", "nothing.mcap", "nothing.html", "flight.txt"):
-        status, out, _ = view(tmp_path / name)
-        assert status.startswith("flockstep view: ")
-        assert out == ""
-    assert status == f"flockstep view: path: expected a name that ends with .html or .mcap, got '{tmp_path}/flight.txt'"
-    for wrong, words in (("page.txt", "expected a name that ends with .html"), ("a.html", "expected another file")):
-        status, *_ = view(files / "a.html", files / "b.html", "--out", files / wrong)
-        assert words in status
+    refusals = {
+        "other.html": "expected a page that replays a flight, got '{}'",
+        "cut.html": "expected a page that replays a flight, got '{}'",
+        "noise.mcap": "expected a recording of flockstep of format 1, got another file",
+        "nothing.mcap": "expected a file, got '{}', which is no file",
+        "nothing.html": "expected a file, got '{}', which is no file",
+        "folder.html": "expected a file, got '{}', which is a directory",
+        "pipe.html": "expected a file, got '{}', which is no file",
+        "flight.txt": "expected a name that ends with .html or .mcap, got '{}'",
+    }
+    for name, said in refusals.items():
+        path = tmp_path / name
+        assert command("view", path) == (2, "", f"flockstep view: path: {said.format(path)}\n"[:200])
+    monkeypatch.setattr(Path, "read_bytes", denied)  # root may read every file
+    assert command("view", files / "a.html")[::2] == (
+        2,
+        f"flockstep view: path: {DENIED.format(files / 'a.html')}\n"[:200],
+    )
+    monkeypatch.undo()
+    outs = {"page.txt": "a name that ends with .html", "a.html": "another file", "no/a.html": "a directory that exists"}
+    for wrong, words in outs.items():
+        status, _, said = command("view", files / "a.html", files / "b.html", "--out", files / wrong)
+        assert status == 2
+        assert words in said
     assert sorted(tmp_path.iterdir()) == before
     assert steps_in(files / "a.html") == [6]
