@@ -40,14 +40,6 @@ Eigen::Vector3d beam_direction(const LidarConfig& config, std::size_t channel, s
   return {std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth), std::sin(elevation)};
 }
 
-// Calls f(out index, tile index) for each beam of the tile.
-template <class F>
-void for_each_beam(const BeamPattern& pattern, const BeamTile& tile, const F& f) {
-  for (std::size_t i = 0; i < tile.rows * tile.width; ++i) {
-    f((tile.channel + i / tile.width) * pattern.columns + tile.beam + i % tile.width, tile.first + i);
-  }
-}
-
 // Adds a view for the pattern's last tile if the tile has enough beams and they lie within a narrow cone.
 void add_view(BeamPattern& pattern, BeamTile& tile) {
   constexpr std::size_t kMinBeams = 64;  // beams, in rows that fill the kernel's sub-tiles of 4 x 4
@@ -207,13 +199,7 @@ bool has_fans(const LidarConfig& config, TracerKind tracer) {
 }
 
 void write_directions(const BeamPattern& pattern, float* out) {
-  for (const BeamTile& tile : pattern.tiles) {
-    for_each_beam(pattern, tile, [&](std::size_t to, std::size_t from) {
-      out[3 * to] = pattern.x[from];
-      out[3 * to + 1] = pattern.y[from];
-      out[3 * to + 2] = pattern.z[from];
-    });
-  }
+  for_each_beam(pattern, [&](std::size_t beam, const Vec3& direction) { std::copy_n(direction.data(), 3, out + 3 * beam); });
 }
 
 }  // namespace flockstep::sensors

@@ -39,6 +39,18 @@ BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& po
 // Returns true if some of the beams are traced as fans.
 bool has_fans(const LidarConfig& config, TracerKind tracer);
 
+// Calls f(beam, direction) for each beam; beam: its index in a scan.
+template <class F>
+void for_each_beam(const BeamPattern& pattern, const F& f) {
+  for (const BeamTile& tile : pattern.tiles) {
+    std::size_t from = tile.first;
+    for (std::size_t row = 0; row < tile.rows; ++row) {
+      const std::size_t to = (tile.channel + row) * pattern.columns + tile.beam;
+      for (std::size_t i = 0; i < tile.width; ++i, ++from) f(to + i, Vec3(pattern.x[from], pattern.y[from], pattern.z[from]));
+    }
+  }
+}
+
 // Writes the pattern's directions to out, shape (channels, beams, 3).
 void write_directions(const BeamPattern& pattern, float* out);
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <numbers>
 #include <span>
 #include <string>
 #include <string_view>
@@ -101,6 +102,7 @@ namespace flockstep::sensors {
 namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 constexpr std::size_t kManyDrones = 48;     // drones per env; fewer are searched as fast without slices
 constexpr std::size_t kDronesPerScan = 16;  // whose slicing takes as long as slices save in one scan
 
@@ -113,6 +115,17 @@ std::size_t count_of_env(std::span<const DroneIndex> drones, const Surroundings&
 
 std::size_t rays_of(const LidarConfig& config) {
   return static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns());
+}
+
+BeamTargets targets_of(DroneIndex drone, const Surroundings& surroundings) {
+  return {surroundings.scene_of(drone), surroundings.bodies_of(drone), surroundings.drones_seen_by(drone)};
+}
+
+// The LiDAR equation of a surface that scatters light evenly (Lambert), in the units of LidarReadings.
+float intensity_of(const render::Surface& surface, double incidence, double range_m) {
+  const double reflectance = static_cast<double>(surface.color[0] + surface.color[1] + surface.color[2]) / 3.0;
+  const double distance = std::max(range_m, 1.0);
+  return static_cast<float>(std::min(reflectance * incidence / (distance * distance), 1.0));  // directions are rounded
 }
 
 // Without fans, no change of the beams makes any: worlds may lack the tree that slices need.
@@ -133,6 +146,7 @@ Lidar::Lidar(const LidarConfig& config, const SensorSetup& setup)
       number_(setup.number),
       settings_(config, setup.num_drones, true, [policy = policy_](const LidarConfig& of) { return make_pattern(of, policy); }) {
   std::ranges::fill(readings_.published().max_range_m, config.max_range_m);
+  if (config.needs_hits()) hits_.resize(setup.num_drones * rays_);
 }
 
 std::unique_ptr<BlockSensor> make_sensor(const LidarConfig& config, const SensorSetup& setup) {
@@ -163,6 +177,8 @@ void Lidar::set_config(DroneIndex drone, const LidarConfig& config) {
 void Lidar::clear(DroneIndex drone) {
   SensorOf::clear(drone);
   std::fill_n(readings_.published().ranges.data() + drone * rays_, rays_, kInfinity);
+  for_each_output(readings_.published(), config_.outputs,
+                  [&](const auto&, auto& values) { std::fill_n(values.data() + drone * rays_, rays_, 0); });
 }
 
 void Lidar::write_directions(DroneIndex drone, std::span<float> out) const {
@@ -192,6 +208,8 @@ void Lidar::write_points(const State& state, std::span<float> out) const {
 void Lidar::visit(ArrayVisitor& visitor) {
   visitor.array("ranges", readings_.published().ranges);
   if (has_age()) visitor.array("ranges_age_s", readings_.published().age_s);
+  for_each_output(readings_.published(), config_.outputs,
+                  [&](const auto& entry, auto& values) { visitor.array(entry.name, values); });
   visit_delay(visitor);
   settings_.visit(label(), visitor);
 }
@@ -204,32 +222,89 @@ void Lidar::restored() {
 
 void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
   if (!drones.empty() && !has_scanned()) has_scanned_.store(true, std::memory_order_relaxed);
+  LidarReadings& truth = readings_.truth();
   bool has_slices = false;  // this env's drones are in slices
   for (std::size_t i = 0; i < drones.size(); ++i) {
     const DroneIndex drone = drones[i];
-    const trace::Scene& scene = surroundings.scene_of(drone);
-    trace::Bodies others = surroundings.drones_seen_by(drone);
-    if (others.count >= kManyDrones) {
+    BeamTargets targets = targets_of(drone, surroundings);
+    if (targets.drones.count >= kManyDrones) {
       if (i == 0 || surroundings.env_of(drones[i - 1]) != surroundings.env_of(drone)) {
-        has_slices = kDronesPerScan * count_of_env(drones.subspan(i), surroundings) >= others.count;
-        if (has_slices) surroundings.slices.sort(others.balls());
+        has_slices = kDronesPerScan * count_of_env(drones.subspan(i), surroundings) >= targets.drones.count;
+        if (has_slices) surroundings.slices.sort(targets.drones.balls());
       }
-      if (has_slices) others.slices = &surroundings.slices;
+      if (has_slices) targets.drones.slices = &surroundings.slices;
     }
     if (i + 2 < drones.size()) {
-      if (const trace::Scene& next = surroundings.scene_of(drones[i + 2]); &next != &scene) next.prefetch_parts();
+      if (const trace::Scene& next = surroundings.scene_of(drones[i + 2]); &next != &targets.scene) next.prefetch_parts();
     }
-    if (surroundings.bodies_per_env > 0 && i + 1 < drones.size()) surroundings.bodies_of(drones[i + 1]).prefetch_balls();
-    scan(scene, surroundings.bodies_of(drone), others, pose_of(surroundings.state, drone), drone,
-         readings_.truth().ranges.data() + drone * rays_, surroundings.tracer);
+    if (surroundings.bodies_per_env > 0 && i + 1 < drones.size()) surroundings.bodies_of(drones[i + 1]).shapes.prefetch_balls();
+    trace_beams(targets, drone, surroundings.state, truth.ranges.data() + drone * rays_,
+                hits_.empty() ? nullptr : hits_.data() + drone * rays_, surroundings.tracer);
   }
   surroundings.tracer.finish();
+  if (hits_.empty()) return;
+  for (const DroneIndex drone : drones) {
+    look_at(targets_of(drone, surroundings), drone, surroundings.state, std::span(hits_).subspan(drone * rays_, rays_),
+            std::span(truth.ranges).subspan(drone * rays_, rays_), &truth);
+  }
 }
 
+void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_errors, std::span<float> ranges) const {
+  const BeamTargets targets = targets_of(drone, surroundings);
+  std::vector<trace::RayHit> hits(has_errors && config_.errors.need_surfaces() ? rays_ : 0);
+  trace_beams(targets, drone, surroundings.state, ranges.data(), hits.empty() ? nullptr : hits.data(), surroundings.tracer);
+  surroundings.tracer.finish();
+  if (!hits.empty()) look_at(targets, drone, surroundings.state, hits, ranges, nullptr);
+  if (has_errors) add_errors(drone, surroundings.state, ranges);
+}
+
+void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& state, std::span<const trace::RayHit> hits,
+                    std::span<float> ranges, LidarReadings* readings) const {
+  const RangeErrors& errors = config_.errors;
+  const bool needs_intensity = config_.outputs.intensity || errors.need_surfaces();
+  const double least_incidence =
+      errors.max_incidence_deg < 90.0F ? std::cos(static_cast<double>(errors.max_incidence_deg) * kRadPerDeg) : 0.0;
+  const Pose pose = pose_of(state, drone);
+  const Eigen::Matrix3d rotation = pose.rotation.cast<double>().toRotationMatrix();
+  const Eigen::Vector3d origin = pose.position.cast<double>() + rotation * offset_of(drone).cast<double>();
+  for_each_beam(settings_.optics(drone), [&](std::size_t ray, const Vec3& in_body) {
+    render::Surface surface;
+    float intensity = 0.0F;
+    if (hits[ray].element >= 0) {
+      surface = targets.surface(hits[ray]);
+      if (needs_intensity) {
+        const Eigen::Vector3d direction = rotation * in_body.cast<double>();
+        const double range = static_cast<double>(ranges[ray]);
+        const double incidence = targets.incidence(hits[ray], origin + range * direction, direction);
+        intensity = intensity_of(surface, incidence, range);
+        if (incidence < least_incidence || intensity < errors.min_intensity) {
+          ranges[ray] = kInfinity;
+          surface = {};
+          intensity = 0.0F;
+        }
+      }
+    }
+    if (readings == nullptr) return;
+    const std::size_t at = drone * rays_ + ray;
+    if (config_.outputs.semantic) readings->semantic[at] = surface.semantic;
+    if (config_.outputs.instance) readings->instance[at] = surface.instance;
+    if (config_.outputs.intensity) readings->intensity[at] = intensity;
+  });
+}
+
+// Beams that the errors lose also lose their outputs.
 void Lidar::add_errors(std::span<const DroneIndex> drones, const State& state) {
   if (config_.errors == RangeErrors()) return;
-  float* const ranges = readings_.truth().ranges.data();
-  for (const DroneIndex drone : drones) add_errors(drone, state, {ranges + drone * rays_, rays_});
+  LidarReadings& truth = readings_.truth();
+  for (const DroneIndex drone : drones) {
+    const std::span<float> ranges = std::span(truth.ranges).subspan(drone * rays_, rays_);
+    add_errors(drone, state, ranges);
+    for_each_output(truth, config_.outputs, [&](const auto&, auto& values) {
+      for (std::size_t ray = 0; ray < rays_; ++ray) {
+        if (ranges[ray] == kInfinity) values[drone * rays_ + ray] = 0;
+      }
+    });
+  }
 }
 
 void Lidar::add_errors(DroneIndex drone, const State& state, std::span<float> ranges) const {
@@ -240,17 +315,19 @@ void Lidar::add_errors(DroneIndex drone, const State& state, std::span<float> ra
                    input_of_draw(state, key, stream_named("range errors"), first, number_), ranges);
 }
 
-void Lidar::scan(const trace::Scene& scene, const trace::Bodies& bodies, const trace::Bodies& drones, const Pose& pose,
-                 DroneIndex drone, float* ranges, trace::Tracer& tracer) const {
+void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, float* ranges, trace::RayHit* hits,
+                        trace::Tracer& tracer) const {
   const BeamPattern& pattern = settings_.optics(drone);
+  const Pose pose = pose_of(state, drone);
   const Mat3 rotation = pose.rotation.toRotationMatrix();
-  tracer.set_viewpoint(scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
-                               .rotation = rotation,
-                               .range = settings_[drone].max_range_m,
-                               .bodies = &bodies,
-                               .drones = &drones,
-                               .policy = policy_});
+  tracer.set_viewpoint(targets.scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
+                                       .rotation = rotation,
+                                       .range = settings_[drone].max_range_m,
+                                       .bodies = &targets.bodies.shapes,
+                                       .drones = &targets.drones,
+                                       .policy = policy_});
   for (const BeamTile& tile : pattern.tiles) {
+    const std::size_t first = tile.channel * pattern.columns + tile.beam;
     tracer.enqueue({.x = pattern.x.data() + tile.first,
                     .y = pattern.y.data() + tile.first,
                     .z = pattern.z.data() + tile.first,
@@ -259,7 +336,7 @@ void Lidar::scan(const trace::Scene& scene, const trace::Bodies& bodies, const t
                     .frustum = &tile.frustum,
                     .view = tile.view < 0 ? nullptr : &pattern.views[static_cast<std::size_t>(tile.view)],
                     .fan = tile.fan < 0 ? nullptr : &pattern.fans[static_cast<std::size_t>(tile.fan)]},
-                   ranges + tile.channel * pattern.columns + tile.beam, pattern.columns);
+                   ranges + first, pattern.columns, hits == nullptr ? nullptr : hits + first);
   }
 }
 

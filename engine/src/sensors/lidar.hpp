@@ -8,10 +8,12 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "flockstep/sensors/lidar.hpp"
 #include "flockstep/sensors/readings.hpp"
 #include "flockstep/state.hpp"
+#include "sensors/beam_targets.hpp"
 #include "sensors/beams.hpp"
 #include "sensors/drone_settings.hpp"
 #include "sensors/sensor.hpp"
@@ -42,16 +44,15 @@ class Lidar final : public SensorOf<LidarReadings> {
   void write_directions(DroneIndex drone, std::span<float> out) const;  // one drone's, (channels, beams, 3)
   void write_points(const State& state, std::span<float> out) const;    // same shape, m, world frame; inf on a miss
 
-  // Scans from a pose with the drone's own setting.
-  void scan(const trace::Scene& scene, const trace::Bodies& bodies, const trace::Bodies& drones, const Pose& pose,
-            DroneIndex drone, float* ranges, trace::Tracer& tracer) const;
-  // Adds the errors of the drone's latest reading to its exact ranges.
-  void add_errors(DroneIndex drone, const State& state, std::span<float> ranges) const;
+  // Scans now, with the drone's own setting. ranges: exact, or with the errors of the drone's latest reading.
+  void scan(DroneIndex drone, const Surroundings& surroundings, bool has_errors, std::span<float> ranges) const;
 
   void use_default_settings(DroneIndex drone) override { set_config(drone, config_); }
   void clear(DroneIndex drone) override;
   void list_arrays(const std::function<void(const ArrayView&)>& list) const override {
-    for_each_view(readings(), items_of(config_), list);
+    for_each_view(readings(), items_of(config_), [&](const ArrayView& array) {
+      if (is_written(config_, array.name)) list(array);
+    });
   }
   void visit(ArrayVisitor& visitor) override;
   void check_bytes(std::span<const std::byte> settings) const override { settings_.check_bytes(settings); }
@@ -61,6 +62,13 @@ class Lidar final : public SensorOf<LidarReadings> {
   // Consecutive drones in the same world share the ray packets that go through Embree.
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
+  void add_errors(DroneIndex drone, const State& state, std::span<float> ranges) const;
+  // hits: may be null.
+  void trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, float* ranges, trace::RayHit* hits,
+                   trace::Tracer& tracer) const;
+  // Drops beams that the errors lose at the surfaces that they hit. Writes the outputs of the others unless `readings` is null.
+  void look_at(const BeamTargets& targets, DroneIndex drone, const State& state, std::span<const trace::RayHit> hits,
+               std::span<float> ranges, LidarReadings* readings) const;
   void set_config(DroneIndex drone, const LidarConfig& config);
   Vec3 offset_of(DroneIndex drone) const { return Vec3::Map(settings_[drone].offset_m.data()); }
 
@@ -69,6 +77,7 @@ class Lidar final : public SensorOf<LidarReadings> {
   std::size_t rays_;
   std::uint32_t number_;  // number among the drone's LiDARs; each has its own errors
   DroneSettings<LidarConfig, BeamPattern> settings_;
+  std::vector<trace::RayHit> hits_;  // (N, rays) of the scans in progress; empty if not needed
   std::atomic<bool> has_scanned_{false};
 };
 

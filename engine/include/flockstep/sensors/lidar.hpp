@@ -14,6 +14,20 @@
 
 namespace flockstep {
 
+// Arrays that a LiDAR writes besides its ranges; see LidarReadings.
+struct LidarOutputs {
+  bool semantic = false;   // class of the material
+  bool instance = false;   // number of the object
+  bool intensity = false;  // share of the light that returns
+
+  static constexpr auto fields() {
+    using C = LidarOutputs;
+    return field_list(field("semantic", &C::semantic), field("instance", &C::instance), field("intensity", &C::intensity));
+  }
+
+  bool any() const { return semantic || instance || intensity; }
+};
+
 // A grid of channels x beams, or a pattern of beams given by azimuth_deg and elevation_deg, lists of equal length.
 struct LidarConfig {
   std::string name = "lidar";
@@ -26,6 +40,7 @@ struct LidarConfig {
   std::array<float, 4> quat_wxyz{1, 0, 0, 0};
   std::vector<float> azimuth_deg;
   std::vector<float> elevation_deg;
+  LidarOutputs outputs;
   RangeErrors errors;
   std::optional<float> rate_hz;
   float latency_s = 0.0F;
@@ -58,6 +73,8 @@ struct LidarConfig {
                .limits = within(360)}),
         field("elevation_deg", &C::elevation_deg,
               {.about = "Elevations of the pattern, one for each azimuth.", .unit = "deg", .limits = within(90)}),
+        field("outputs", &C::outputs,
+              {.about = "Arrays to write besides the ranges: ``\"semantic\"``, ``\"instance\"``, ``\"intensity\"``."}),
         field("errors", &C::errors, {.about = "How ranges err."}), field("rate_hz", &C::rate_hz, kSensorRate),
         field("latency_s", &C::latency_s, kSensorLatency), field("jitter_s", &C::jitter_s, kSensorJitter),
         field("loss", &C::loss, kSensorLoss));
@@ -68,6 +85,7 @@ struct LidarConfig {
   FLOCKSTEP_API static LidarConfig preset(std::string_view product);
 
   FLOCKSTEP_API void validate() const;
+  bool needs_hits() const { return outputs.any() || errors.need_surfaces(); }          // true if ranges are not enough
   bool has_pattern() const { return !azimuth_deg.empty() || !elevation_deg.empty(); }  // true if beams are given one by one
   int rows() const { return has_pattern() ? 1 : channels; }                            // channels; 1 for a pattern
   int columns() const { return has_pattern() ? static_cast<int>(azimuth_deg.size()) : beams; }  // beams of a channel

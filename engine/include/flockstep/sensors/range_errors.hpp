@@ -6,7 +6,8 @@
 
 namespace flockstep {
 
-// Errors of ranges. They apply in the order of the fields to each beam that hits, independently of other beams and readings.
+// Errors of ranges. They apply in the order of the fields to each beam that hits, independently of other beams and readings. The
+// last two depend on the exact hit.
 struct RangeErrors {
   float noise_std_m = 0.0F;
   float noise_per_m = 0.0F;
@@ -14,6 +15,8 @@ struct RangeErrors {
   float resolution_m = 0.0F;
   float min_range_m = 0.0F;
   float dropout = 0.0F;
+  float max_incidence_deg = 90.0F;
+  float min_intensity = 0.0F;
 
   static constexpr auto fields() {
     using C = RangeErrors;
@@ -31,10 +34,17 @@ struct RangeErrors {
               {.about = "Minimum range, less than ``max_range_m``. A nearer reading is a miss.",
                .unit = "m",
                .limits = at_least(0)}),
-        field("dropout", &C::dropout, {.about = "Probability that a beam that hits reads as a miss.", .limits = between(0, 1)}));
+        field("dropout", &C::dropout, {.about = "Probability that a beam that hits reads as a miss.", .limits = between(0, 1)}),
+        field("max_incidence_deg", &C::max_incidence_deg,
+              {.about = "A beam that hits a surface at a larger angle from its normal reads as a miss. 90: none does.",
+               .unit = "deg",
+               .limits = between(0, 90)}),
+        field("min_intensity", &C::min_intensity,
+              {.about = "A beam that returns with a lower intensity reads as a miss.", .limits = between(0, 1)}));
   }
 
   FLOCKSTEP_API void validate() const;
+  bool need_surfaces() const { return max_incidence_deg < 90.0F || min_intensity > 0.0F; }  // not only ranges
   bool operator==(const RangeErrors&) const = default;
 };
 
