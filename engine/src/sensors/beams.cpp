@@ -33,7 +33,8 @@ Eigen::Vector3d beam_direction(const LidarConfig& config, std::size_t channel, s
     elevation_deg = config.elevation_deg[beam];
   } else {
     azimuth_deg = spread_deg(static_cast<int>(beam), config.beams, config.hfov_deg);
-    elevation_deg = spread_deg(static_cast<int>(channel), config.channels, config.vfov_deg);
+    elevation_deg = static_cast<double>(config.vfov_center_deg) +
+                    spread_deg(static_cast<int>(channel), config.channels, config.vfov_deg);
   }
   const double azimuth = azimuth_deg * kRadPerDeg;
   const double elevation = elevation_deg * kRadPerDeg;

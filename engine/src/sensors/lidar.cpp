@@ -35,7 +35,10 @@ void LidarConfig::validate() const {
     require(channels == grid.channels, "lidar.channels", unset, channels);
     require(hfov_deg == grid.hfov_deg, "lidar.hfov_deg", unset, hfov_deg);
     require(vfov_deg == grid.vfov_deg, "lidar.vfov_deg", unset, vfov_deg);
+    require(vfov_center_deg == grid.vfov_center_deg, "lidar.vfov_center_deg", unset, vfov_center_deg);
   }
+  require(channels == 1 || std::abs(vfov_center_deg) + 0.5F * vfov_deg <= 90.0F, "lidar.vfov_center_deg",
+          "at most 90 - vfov_deg / 2 from 0", vfov_center_deg);
   require(errors.resolution_m <= max_range_m, "lidar.errors.resolution_m", "at most lidar.max_range_m", errors.resolution_m);
   require(errors.min_range_m < max_range_m, "lidar.errors.min_range_m", "less than lidar.max_range_m", errors.min_range_m);
   const long long rays = static_cast<long long>(rows()) * columns();
@@ -43,14 +46,17 @@ void LidarConfig::validate() const {
 }
 
 LidarConfig LidarConfig::preset(std::string_view product) {
-  // The Mid-360 scans a rosette. The grid of as many beams has its field of view, which is not centred.
-  constexpr int kChannels = 40, kBeams = 500;
-  LidarConfig mid360{.name = "mid-360", .max_range_m = 40.0F};
-  for (int i = 0; i < kChannels * kBeams; ++i) {
-    mid360.azimuth_deg.push_back(-180.0F + 360.0F * static_cast<float>(i % kBeams) / kBeams);
-    mid360.elevation_deg.push_back(-7.0F + 59.0F * static_cast<float>(i / kBeams) / (kChannels - 1));
-  }
-  mid360.errors = {.noise_std_m = 0.02F, .resolution_m = 0.001F, .min_range_m = 0.1F};
+  const LidarConfig vl53l1x{.name = "vl53l1x",
+                            .beams = 1,
+                            .max_range_m = 4.0F,
+                            .errors = {.noise_std_m = 0.02F, .resolution_m = 0.001F, .min_range_m = 0.04F}};
+  const auto turned = [&](const char* name, const std::array<float, 4>& quat_wxyz) {
+    LidarConfig lidar = vl53l1x;
+    lidar.name = name;
+    lidar.quat_wxyz = quat_wxyz;
+    return lidar;
+  };
+  constexpr auto kHalf = static_cast<float>(std::numbers::sqrt2 / 2.0);
   constexpr float kZones = 45.0F * 7 / 8;  // deg, between the centres of the outer ones of eight zones in 45 degrees
   const std::array presets{
       LidarConfig{
@@ -69,15 +75,23 @@ LidarConfig LidarConfig::preset(std::string_view product) {
                   .vfov_deg = 30.0F,
                   .max_range_m = 100.0F,
                   .errors = {.noise_std_m = 0.03F, .resolution_m = 0.002F, .min_range_m = 0.4F}},
-      mid360,
+      // It scans a rosette. This is the grid of as many beams with its field of view.
+      LidarConfig{.name = "mid-360",
+                  .channels = 40,
+                  .beams = 500,
+                  .hfov_deg = 360.0F,
+                  .vfov_deg = 59.0F,
+                  .vfov_center_deg = 22.5F,
+                  .max_range_m = 40.0F,
+                  .errors = {.noise_std_m = 0.02F, .resolution_m = 0.001F, .min_range_m = 0.1F}},
       LidarConfig{.name = "tfmini",
                   .beams = 1,
                   .max_range_m = 12.0F,
                   .errors = {.noise_std_m = 0.06F, .noise_per_m = 0.005F, .resolution_m = 0.005F, .min_range_m = 0.3F}},
-      LidarConfig{.name = "vl53l1x",
-                  .beams = 1,
-                  .max_range_m = 4.0F,
-                  .errors = {.noise_std_m = 0.02F, .resolution_m = 0.001F, .min_range_m = 0.04F}},
+      vl53l1x,
+      turned("multi-ranger-front", {1, 0, 0, 0}),
+      turned("multi-ranger-up", {kHalf, 0, -kHalf, 0}),
+      turned("flow-deck", {kHalf, 0, kHalf, 0}),
       LidarConfig{.name = "vl53l5cx",
                   .channels = 8,
                   .beams = 8,

@@ -240,13 +240,15 @@ def test_configurations_survive_recipes_pickles_and_snapshots():
 @pytest.mark.parametrize(
     ("field", "value"),
     [
-        *itertools.product(["noise_std_m", "noise_per_m", "resolution_m", "min_range_m", "dropout"], [-1, math.nan]),
-        *itertools.product(["noise_std_m", "noise_per_m", "bias_m", "resolution_m", "dropout"], [math.inf, 1e30]),
-        ("bias_m", math.nan),
+        *itertools.product([*RangeErrors.__match_args__], [math.nan]),
+        *itertools.product([name for name in RangeErrors.__match_args__ if name != "bias_m"], [-1]),
+        *itertools.product([name for name in RangeErrors.__match_args__ if name != "min_range_m"], [math.inf, 1e30]),
         ("resolution_m", 1e-9),
         ("resolution_m", 3.5),  # longer than the range
         ("min_range_m", 3.0),
         ("dropout", 1.01),
+        ("max_incidence_deg", 90.1),
+        ("min_intensity", 1.01),
     ],
 )
 def test_bad_errors_are_refused(field, value):
@@ -296,10 +298,20 @@ def test_presets_scan_and_err(name):
     assert 0 < np.abs(got - truth)[both].max() < 0.5
 
 
+DIRECTIONS = {"multi-ranger-front": (1, 0, 0), "multi-ranger-up": (0, 0, 1), "flow-deck": (0, 0, -1)}
+
+
+def test_rangefinders_look_where_their_names_say():
+    batch = placed(ROOM, POSES[:1], lidars=[LidarConfig.preset(name) for name in DIRECTIONS])
+    for name, axis in DIRECTIONS.items():
+        np.testing.assert_allclose(batch.lidar(name).directions, [[[axis]]], atol=1e-7)
+
+
 def test_fields_of_view_of_presets():
     mid360 = LidarConfig.preset("mid-360")
-    assert (min(mid360.elevation_deg), max(mid360.elevation_deg)) == (-7, 52)
-    assert len({*zip(mid360.azimuth_deg, mid360.elevation_deg, strict=True)}) == 20_000
+    assert mid360.vfov_center_deg - mid360.vfov_deg / 2 == -7
+    assert mid360.vfov_center_deg + mid360.vfov_deg / 2 == 52
+    assert math.prod(mid360.shape) == 20_000
     assert LidarConfig.preset("os0-128").shape == (128, 512)
     spacing = LidarConfig.preset("vlp-16")
     assert spacing.vfov_deg / (spacing.channels - 1) == 2.0

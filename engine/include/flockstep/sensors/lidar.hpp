@@ -35,6 +35,7 @@ struct LidarConfig {
   int beams = 35;
   float hfov_deg = 270.0F;
   float vfov_deg = 0.0F;
+  float vfov_center_deg = 0.0F;
   float max_range_m = 3.0F;
   std::array<float, 3> offset_m{0, 0, 0};
   std::array<float, 4> quat_wxyz{1, 0, 0, 0};
@@ -54,7 +55,7 @@ struct LidarConfig {
     return field_list(
         field("name", &C::name, {.about = "Name for `Batch.lidar`, unique among the LiDARs.", .form = Form::plain_name}),
         field("channels", &C::channels,
-              {.about = "Channels, from -vfov/2 to +vfov/2, both included. A single channel has elevation 0.",
+              {.about = "Channels, from -vfov/2 to +vfov/2 around ``vfov_center_deg``, both included. A single one lies there.",
                .limits = between(1, kMaxRays)}),
         field("beams", &C::beams,
               {.about = "Beams of a channel, counter-clockwise from -hfov/2 to +hfov/2, both included (at 360 without the end). "
@@ -62,13 +63,15 @@ struct LidarConfig {
                .limits = between(1, kMaxRays)}),
         field("hfov_deg", &C::hfov_deg, {.about = "Horizontal field of view.", .unit = "deg", .limits = above_up_to(0, 360)}),
         field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0, 180)}),
+        field("vfov_center_deg", &C::vfov_center_deg,
+              {.about = "Elevation of its middle. No channel may lie beyond 90.", .unit = "deg", .limits = within(90)}),
         field(
             "max_range_m", &C::max_range_m,
             {.about = "Maximum range. Beyond it is a miss: inf in metres, 1 when normalised.", .unit = "m", .limits = above(0)}),
         field("offset_m", &C::offset_m, kMountOffset), field("quat_wxyz", &C::quat_wxyz, kMountRotation),
         field("azimuth_deg", &C::azimuth_deg,
-              {.about = "Azimuths of a pattern, which replaces the grid. Leave ``channels``, ``hfov_deg`` and ``vfov_deg`` at "
-                        "their defaults.",
+              {.about = "Azimuths of a pattern, which replaces the grid. Leave ``channels`` and the fields of view at their "
+                        "defaults.",
                .unit = "deg",
                .limits = within(360)}),
         field("elevation_deg", &C::elevation_deg,
