@@ -37,7 +37,8 @@ void check_memory_of_sensors(const BatchConfig& config) {
   double bytes = 0.0;  // for one drone
   for (const LidarConfig& lidar : config.lidars) {
     bytes += bytes_of_scan(lidar);
-    if (lidar.needs_hits()) bytes += static_cast<double>(sizeof(trace::RayHit)) * lidar.rows() * lidar.columns();
+    const int more = 8 * lidar.needs_hits() + 4 * (lidar.errors.divergence_mrad > 0.0F);  // bytes of a beam: Lidar's own arrays
+    bytes += static_cast<double>(more) * lidar.rows() * lidar.columns();
   }
   for (const CameraConfig& camera : config.cameras) {
     const CameraOutputs& o = camera.outputs;

@@ -41,6 +41,13 @@ Eigen::Vector3d beam_direction(const LidarConfig& config, std::size_t channel, s
   return {std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth), std::sin(elevation)};
 }
 
+// Returns a direction at an angle from a beam. The golden angle turns the side from beam to beam.
+Eigen::Vector3d beside(const Eigen::Vector3d& beam, double angle_rad, std::size_t number) {
+  const double turn = std::numbers::pi * (3.0 - std::sqrt(5.0)) * static_cast<double>(number);
+  const Eigen::Vector3d u = beam.unitOrthogonal();
+  return std::cos(angle_rad) * beam + std::sin(angle_rad) * (std::cos(turn) * u + std::sin(turn) * beam.cross(u));
+}
+
 // Adds a view for the pattern's last tile if the tile has enough beams and they lie within a narrow cone.
 void add_view(BeamPattern& pattern, BeamTile& tile) {
   constexpr std::size_t kMinBeams = 64;  // beams, in rows that fill the kernel's sub-tiles of 4 x 4
@@ -87,7 +94,7 @@ class PatternMaker {
  public:
   static constexpr int kMinChannels = 4;  // for tiles with views; others keep their fans
 
-  PatternMaker(const LidarConfig& config, const trace::TracePolicy& policy)
+  PatternMaker(const LidarConfig& config, const trace::TracePolicy& policy, double beside_rad = 0.0)
       : policy_(policy),
         range_m_(config.max_range_m),
         channels_(static_cast<std::size_t>(config.rows())),
@@ -97,6 +104,7 @@ class PatternMaker {
     for (std::size_t channel = 0; channel < channels_; ++channel) {
       for (std::size_t beam = 0; beam < columns_; ++beam) directions_.push_back(beam_direction(config, channel, beam));
     }
+    for (std::size_t i = 0; beside_rad > 0.0 && i < directions_.size(); ++i) directions_[i] = beside(directions_[i], beside_rad, i);
   }
 
   bool has_fans() const {
@@ -189,8 +197,8 @@ class PatternMaker {
 
 }  // namespace
 
-BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& policy) {
-  return PatternMaker(config, policy).make();
+BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& policy, double beside_rad) {
+  return PatternMaker(config, policy, beside_rad).make();
 }
 
 bool has_fans(const LidarConfig& config, TracerKind tracer) {

@@ -33,8 +33,8 @@ struct BeamPattern {
   std::size_t columns;  // beams per channel
 };
 
-// Makes the tiles, and their views and fans if the policy has them.
-BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& policy);
+// Makes the tiles, and their views and fans if the policy has them. The rays have this angle to the beams, each to another side.
+BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& policy, double beside_rad = 0.0);
 
 // Returns true if some of the beams are traced as fans.
 bool has_fans(const LidarConfig& config, TracerKind tracer);

@@ -142,6 +142,11 @@ float intensity_of(const render::Surface& surface, double incidence, double rang
   return static_cast<float>(std::min(reflectance * incidence / (distance * distance), 1.0));  // directions are rounded
 }
 
+BeamOptics optics_of(const LidarConfig& config, const trace::TracePolicy& policy) {
+  const double half_width_rad = 0.0005 * static_cast<double>(config.errors.divergence_mrad);
+  return {make_pattern(config, policy), half_width_rad > 0.0 ? make_pattern(config, policy, half_width_rad) : BeamPattern()};
+}
+
 // Without fans, no change of the beams makes any: worlds may lack the tree that slices need.
 trace::TracePolicy policy_of(const LidarConfig& config, TracerKind tracer) {
   trace::TracePolicy policy = trace::trace_policy_of(tracer, rays_of(config));
@@ -158,9 +163,10 @@ Lidar::Lidar(const LidarConfig& config, const SensorSetup& setup)
       policy_(policy_of(config, setup.tracer)),
       rays_(rays_of(config)),
       number_(setup.number),
-      settings_(config, setup.num_drones, true, [policy = policy_](const LidarConfig& of) { return make_pattern(of, policy); }) {
+      settings_(config, setup.num_drones, true, [policy = policy_](const LidarConfig& of) { return optics_of(of, policy); }) {
   std::ranges::fill(readings_.published().max_range_m, config.max_range_m);
   if (config.needs_hits()) hits_.resize(setup.num_drones * rays_);
+  if (config.errors.divergence_mrad > 0.0F) edges_.resize(setup.num_drones * rays_);
 }
 
 std::unique_ptr<BlockSensor> make_sensor(const LidarConfig& config, const SensorSetup& setup) {
@@ -196,7 +202,7 @@ void Lidar::clear(DroneIndex drone) {
 }
 
 void Lidar::write_directions(DroneIndex drone, std::span<float> out) const {
-  sensors::write_directions(settings_.optics(drone), out.data());
+  sensors::write_directions(settings_.optics(drone).beams, out.data());
 }
 
 void Lidar::write_directions(std::span<float> out) const {
@@ -236,7 +242,6 @@ void Lidar::restored() {
 
 void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
   if (!drones.empty() && !has_scanned()) has_scanned_.store(true, std::memory_order_relaxed);
-  LidarReadings& truth = readings_.truth();
   bool has_slices = false;  // this env's drones are in slices
   for (std::size_t i = 0; i < drones.size(); ++i) {
     const DroneIndex drone = drones[i];
@@ -252,28 +257,28 @@ void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surr
       if (const trace::Scene& next = surroundings.scene_of(drones[i + 2]); &next != &targets.scene) next.prefetch_parts();
     }
     if (surroundings.bodies_per_env > 0 && i + 1 < drones.size()) surroundings.bodies_of(drones[i + 1]).shapes.prefetch_balls();
-    trace_beams(targets, drone, surroundings.state, truth.ranges.data() + drone * rays_,
-                hits_.empty() ? nullptr : hits_.data() + drone * rays_, surroundings.tracer);
+    trace_beams(targets, drone, surroundings.state, scan_of(drone), surroundings.tracer);
   }
   surroundings.tracer.finish();
   if (hits_.empty()) return;
   for (const DroneIndex drone : drones) {
-    look_at(targets_of(drone, surroundings), drone, surroundings.state, std::span(hits_).subspan(drone * rays_, rays_),
-            std::span(truth.ranges).subspan(drone * rays_, rays_), &truth);
+    look_at(targets_of(drone, surroundings), drone, surroundings.state, scan_of(drone), &readings_.truth());
   }
 }
 
 void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_errors, std::span<float> ranges) const {
   const BeamTargets targets = targets_of(drone, surroundings);
   std::vector<trace::RayHit> hits(has_errors && config_.errors.need_surfaces() ? rays_ : 0);
-  trace_beams(targets, drone, surroundings.state, ranges.data(), hits.empty() ? nullptr : hits.data(), surroundings.tracer);
+  std::vector<float> edges(has_errors && !edges_.empty() ? rays_ : 0);
+  const Scan scan{ranges, hits, edges};
+  trace_beams(targets, drone, surroundings.state, scan, surroundings.tracer);
   surroundings.tracer.finish();
-  if (!hits.empty()) look_at(targets, drone, surroundings.state, hits, ranges, nullptr);
-  if (has_errors) add_errors(drone, surroundings.state, ranges);
+  if (!hits.empty()) look_at(targets, drone, surroundings.state, scan, nullptr);
+  if (has_errors) add_errors(drone, surroundings.state, scan);
 }
 
-void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& state, std::span<const trace::RayHit> hits,
-                    std::span<float> ranges, LidarReadings* readings) const {
+void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
+                    LidarReadings* readings) const {
   const RangeErrors& errors = config_.errors;
   const bool needs_intensity = config_.outputs.intensity || errors.need_surfaces();
   const double least_incidence =
@@ -281,18 +286,18 @@ void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& s
   const Pose pose = pose_of(state, drone);
   const Eigen::Matrix3d rotation = pose.rotation.cast<double>().toRotationMatrix();
   const Eigen::Vector3d origin = pose.position.cast<double>() + rotation * offset_of(drone).cast<double>();
-  for_each_beam(settings_.optics(drone), [&](std::size_t ray, const Vec3& in_body) {
+  for_each_beam(settings_.optics(drone).beams, [&](std::size_t ray, const Vec3& in_body) {
     render::Surface surface;
     float intensity = 0.0F;
-    if (hits[ray].element >= 0) {
-      surface = targets.surface(hits[ray]);
+    if (const trace::RayHit& hit = scan.hits[ray]; hit.element >= 0) {
+      surface = targets.surface(hit);
       if (needs_intensity) {
         const Eigen::Vector3d direction = rotation * in_body.cast<double>();
-        const double range = static_cast<double>(ranges[ray]);
-        const double incidence = targets.incidence(hits[ray], origin + range * direction, direction);
+        const double range = static_cast<double>(scan.ranges[ray]);
+        const double incidence = targets.incidence(hit, origin + range * direction, direction);
         intensity = intensity_of(surface, incidence, range);
         if (incidence < least_incidence || intensity < errors.min_intensity) {
-          ranges[ray] = kInfinity;
+          scan.ranges[ray] = kInfinity;
           surface = {};
           intensity = 0.0F;
         }
@@ -309,29 +314,35 @@ void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& s
 // Beams that the errors lose also lose their outputs.
 void Lidar::add_errors(std::span<const DroneIndex> drones, const State& state) {
   if (config_.errors == RangeErrors()) return;
-  LidarReadings& truth = readings_.truth();
   for (const DroneIndex drone : drones) {
-    const std::span<float> ranges = std::span(truth.ranges).subspan(drone * rays_, rays_);
-    add_errors(drone, state, ranges);
-    for_each_output(truth, config_.outputs, [&](const auto&, auto& values) {
+    const Scan scan = scan_of(drone);
+    add_errors(drone, state, scan);
+    for_each_output(readings_.truth(), config_.outputs, [&](const auto&, auto& values) {
       for (std::size_t ray = 0; ray < rays_; ++ray) {
-        if (ranges[ray] == kInfinity) values[drone * rays_ + ray] = 0;
+        if (scan.ranges[ray] == kInfinity) values[drone * rays_ + ray] = 0;
       }
     });
   }
 }
 
-void Lidar::add_errors(DroneIndex drone, const State& state, std::span<float> ranges) const {
+void Lidar::add_errors(DroneIndex drone, const State& state, const Scan& scan) const {
   const RandomKey key = RandomKey::of(drone, drones_per_env_);
+  const std::uint32_t reading = reading_of(state, key.env);
+  for (std::size_t ray = 0; ray < scan.edges.size(); ++ray) {
+    constexpr float kApart = 0.2F;  // m
+    float& range = scan.ranges[ray];
+    const float gap = scan.edges[ray] - range;
+    if (!std::isfinite(gap) || std::abs(gap) <= kApart) continue;
+    const auto index = static_cast<std::uint32_t>(rays_ * reading + ray);
+    range += uniform01(draw(state, key, stream_named("mixed ranges"), index, number_)[0]) * gap;
+  }
   const auto draws = static_cast<std::uint32_t>((rays_ + 1) / 2);  // of a reading
-  const std::uint32_t first = draws * reading_of(state, key.env);
   add_range_errors(config_.errors, settings_[drone].max_range_m,
-                   input_of_draw(state, key, stream_named("range errors"), first, number_), ranges);
+                   input_of_draw(state, key, stream_named("range errors"), draws * reading, number_), scan.ranges);
 }
 
-void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, float* ranges, trace::RayHit* hits,
+void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                         trace::Tracer& tracer) const {
-  const BeamPattern& pattern = settings_.optics(drone);
   const Pose pose = pose_of(state, drone);
   const Mat3 rotation = pose.rotation.toRotationMatrix();
   tracer.set_viewpoint(targets.scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
@@ -340,18 +351,23 @@ void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const Stat
                                        .bodies = &targets.bodies.shapes,
                                        .drones = &targets.drones,
                                        .policy = policy_});
-  for (const BeamTile& tile : pattern.tiles) {
-    const std::size_t first = tile.channel * pattern.columns + tile.beam;
-    tracer.enqueue({.x = pattern.x.data() + tile.first,
-                    .y = pattern.y.data() + tile.first,
-                    .z = pattern.z.data() + tile.first,
-                    .rows = tile.rows,
-                    .width = tile.width,
-                    .frustum = &tile.frustum,
-                    .view = tile.view < 0 ? nullptr : &pattern.views[static_cast<std::size_t>(tile.view)],
-                    .fan = tile.fan < 0 ? nullptr : &pattern.fans[static_cast<std::size_t>(tile.fan)]},
-                   ranges + first, pattern.columns, hits == nullptr ? nullptr : hits + first);
-  }
+  const auto trace_pattern = [&](const BeamPattern& pattern, std::span<float> ranges, std::span<trace::RayHit> hits) {
+    for (const BeamTile& tile : pattern.tiles) {
+      const std::size_t first = tile.channel * pattern.columns + tile.beam;
+      tracer.enqueue({.x = pattern.x.data() + tile.first,
+                      .y = pattern.y.data() + tile.first,
+                      .z = pattern.z.data() + tile.first,
+                      .rows = tile.rows,
+                      .width = tile.width,
+                      .frustum = &tile.frustum,
+                      .view = tile.view < 0 ? nullptr : &pattern.views[static_cast<std::size_t>(tile.view)],
+                      .fan = tile.fan < 0 ? nullptr : &pattern.fans[static_cast<std::size_t>(tile.fan)]},
+                     ranges.data() + first, pattern.columns, hits.empty() ? nullptr : hits.data() + first);
+    }
+  };
+  const BeamOptics& optics = settings_.optics(drone);
+  trace_pattern(optics.beams, scan.ranges, scan.hits);
+  if (!scan.edges.empty()) trace_pattern(optics.edges, scan.edges, {});
 }
 
 }  // namespace flockstep::sensors

@@ -21,6 +21,11 @@
 
 namespace flockstep::sensors {
 
+// The beams of one setting, and rays at their edges if they have a width.
+struct BeamOptics {
+  BeamPattern beams, edges;
+};
+
 class Lidar final : public SensorOf<LidarReadings> {
  public:
   Lidar(const LidarConfig& config, const SensorSetup& setup);
@@ -62,13 +67,24 @@ class Lidar final : public SensorOf<LidarReadings> {
   // Consecutive drones in the same world share the ray packets that go through Embree.
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
-  void add_errors(DroneIndex drone, const State& state, std::span<float> ranges) const;
-  // hits: may be null.
-  void trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, float* ranges, trace::RayHit* hits,
+
+  // What is traced for one drone; hits and edges are empty if not needed.
+  struct Scan {
+    std::span<float> ranges;
+    std::span<trace::RayHit> hits;
+    std::span<float> edges;  // ranges of the rays at the edges of the beams
+  };
+  Scan scan_of(DroneIndex drone) {
+    const auto row = [&](auto& values) {
+      return values.empty() ? std::span(values) : std::span(values).subspan(drone * rays_, rays_);
+    };
+    return {row(readings_.truth().ranges), row(hits_), row(edges_)};
+  }
+  void trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                    trace::Tracer& tracer) const;
   // Drops beams that the errors lose at the surfaces that they hit. Writes the outputs of the others unless `readings` is null.
-  void look_at(const BeamTargets& targets, DroneIndex drone, const State& state, std::span<const trace::RayHit> hits,
-               std::span<float> ranges, LidarReadings* readings) const;
+  void look_at(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan, LidarReadings* readings) const;
+  void add_errors(DroneIndex drone, const State& state, const Scan& scan) const;
   void set_config(DroneIndex drone, const LidarConfig& config);
   Vec3 offset_of(DroneIndex drone) const { return Vec3::Map(settings_[drone].offset_m.data()); }
 
@@ -76,8 +92,10 @@ class Lidar final : public SensorOf<LidarReadings> {
   trace::TracePolicy policy_;
   std::size_t rays_;
   std::uint32_t number_;  // number among the drone's LiDARs; each has its own errors
-  DroneSettings<LidarConfig, BeamPattern> settings_;
-  std::vector<trace::RayHit> hits_;  // (N, rays) of the scans in progress; empty if not needed
+  DroneSettings<LidarConfig, BeamOptics> settings_;
+  // (N, rays) of the scans in progress; empty if not needed
+  std::vector<trace::RayHit> hits_;
+  std::vector<float> edges_;
   std::atomic<bool> has_scanned_{false};
 };
 

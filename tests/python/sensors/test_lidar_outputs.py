@@ -228,7 +228,7 @@ def test_a_removed_drone_has_none():
 
 
 def test_bits_do_not_depend_on_threads_and_blocks():
-    lidar = LidarConfig(outputs=OUTPUTS, max_range_m=50, errors=RangeErrors(dropout=0.2, min_intensity=0.01))
+    lidar = LidarConfig(outputs=OUTPUTS, max_range_m=50, errors=RangeErrors(divergence_mrad=30, dropout=0.2, min_intensity=0.01))
     first = scanned([lidar], num_threads=1)
     for keywords in ({"num_threads": 3, "block_size": 1}, {"num_threads": 2, "block_size": 4}):
         other = scanned([lidar], **keywords)

@@ -159,6 +159,40 @@ def test_readings_stay_between_the_minimum_and_the_maximum_range():
     assert set(np.unique(batch.lidar("erring").ranges)) == {0.0, np.inf}
 
 
+def at_an_edge(gap, errors, *, beams=20_000, half_width=0.01, **keywords):
+    """Return azimuths and readings of beams near the edge of a wall 4 m ahead and left, with another behind it."""
+    walls = [{"center": [5, 25, 0], "size": [2, 50, 50]}, {"center": [5 + gap, -25, 0], "size": [2, 50, 50]}]
+    azimuth = np.random.default_rng(2).uniform(-2 * half_width, 2 * half_width, beams)
+    lidar = LidarConfig(azimuth_deg=np.degrees(azimuth), elevation_deg=[0] * beams, max_range_m=20, errors=errors)
+    batch = placed(world_of(name="edge", boxes=walls), [[0, 0, 0]], lidar=lidar, **keywords)
+    batch.sense()
+    return azimuth, batch.lidar().ranges[0, 0].copy(), batch
+
+
+@pytest.mark.parametrize("tracer", ["auto", "embree"])
+def test_beams_on_edges_read_between_both_surfaces(tracer):
+    wide = RangeErrors(divergence_mrad=20)
+    azimuth, ranges, batch = at_an_edge(2, wide, tracer=tracer)
+    exact = np.where(azimuth > 0, 4, 6) / np.cos(azimuth)
+    is_mixed = np.abs(ranges - exact) > 1e-4
+    inside = np.abs(azimuth) < 0.01
+    assert not is_mixed[~inside].any()
+    # The other side of the edge is |cos t| / 2 of all directions t, 1 / pi on average.
+    assert abs(is_mixed[inside].mean() - 1 / math.pi) < 3 * math.sqrt(0.22 / inside.sum())
+    share = (ranges[is_mixed] - 4) / 2
+    assert share.min() > 0
+    assert share.max() < 1.001
+    assert abs(share.mean() - 0.5) < 3 / math.sqrt(12 * share.size)
+    assert abs(share.var() - 1 / 12) < 3 / math.sqrt(180 * share.size)
+    batch.sense()
+    again = batch.lidar().ranges[0, 0]
+    np.testing.assert_array_equal(np.abs(again - exact) > 1e-4, is_mixed)
+    assert (again[is_mixed] != ranges[is_mixed]).all()
+    for gap, errors in ((2, RangeErrors()), (0.15, wide)):  # without a width, and with surfaces that are close
+        azimuth, ranges, _ = at_an_edge(gap, errors, tracer=tracer)
+        np.testing.assert_allclose(ranges, np.where(azimuth > 0, 4, 4 + gap) / np.cos(azimuth), rtol=1e-5)
+
+
 def test_points_are_at_the_readings():
     batch = batch_of(EVERY)
     batch.sense()

@@ -9,6 +9,7 @@ namespace flockstep {
 // Errors of ranges. They apply in the order of the fields to each beam that hits, independently of other beams and readings. The
 // last two depend on the exact hit.
 struct RangeErrors {
+  float divergence_mrad = 0.0F;
   float noise_std_m = 0.0F;
   float noise_per_m = 0.0F;
   float bias_m = 0.0F;
@@ -21,6 +22,11 @@ struct RangeErrors {
   static constexpr auto fields() {
     using C = RangeErrors;
     return field_list(
+        field("divergence_mrad", &C::divergence_mrad,
+              {.about = "Width of a beam. If its middle and its edge hit at ranges more than 0.2 m apart, it reads a random range "
+                        "between them. Each beam is traced twice then. 0: no width.",
+               .unit = "mrad",
+               .limits = between(0, 100)}),
         field("noise_std_m", &C::noise_std_m,
               {.about = "Standard deviation of Gaussian noise at range 0.", .unit = "m", .limits = between(0, 1000)}),
         field("noise_per_m", &C::noise_per_m,
