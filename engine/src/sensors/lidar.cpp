@@ -286,28 +286,31 @@ void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& s
   const Pose pose = pose_of(state, drone);
   const Eigen::Matrix3d rotation = pose.rotation.cast<double>().toRotationMatrix();
   const Eigen::Vector3d origin = pose.position.cast<double>() + rotation * offset_of(drone).cast<double>();
+  const auto row = [&](auto& values) { return values.empty() ? nullptr : values.data() + drone * rays_; };
+  std::uint16_t* const semantic = readings == nullptr ? nullptr : row(readings->semantic);
+  std::uint16_t* const instance = readings == nullptr ? nullptr : row(readings->instance);
+  float* const intensities = readings == nullptr ? nullptr : row(readings->intensity);
+  trace::RayHit last{-1, 0};  // whose surface is known: neighbours mostly hit the same
+  render::Surface surface;
   for_each_beam(settings_.optics(drone).beams, [&](std::size_t ray, const Vec3& in_body) {
-    render::Surface surface;
+    const trace::RayHit hit = scan.hits[ray];
+    bool is_seen = hit.element >= 0;
     float intensity = 0.0F;
-    if (const trace::RayHit& hit = scan.hits[ray]; hit.element >= 0) {
+    if (is_seen && hit != last) {
       surface = targets.surface(hit);
-      if (needs_intensity) {
-        const Eigen::Vector3d direction = rotation * in_body.cast<double>();
-        const double range = static_cast<double>(scan.ranges[ray]);
-        const double incidence = targets.incidence(hit, origin + range * direction, direction);
-        intensity = intensity_of(surface, incidence, range);
-        if (incidence < least_incidence || intensity < errors.min_intensity) {
-          scan.ranges[ray] = kInfinity;
-          surface = {};
-          intensity = 0.0F;
-        }
-      }
+      last = hit;
     }
-    if (readings == nullptr) return;
-    const std::size_t at = drone * rays_ + ray;
-    if (config_.outputs.semantic) readings->semantic[at] = surface.semantic;
-    if (config_.outputs.instance) readings->instance[at] = surface.instance;
-    if (config_.outputs.intensity) readings->intensity[at] = intensity;
+    if (is_seen && needs_intensity) {
+      const Eigen::Vector3d direction = rotation * in_body.cast<double>();
+      const double range = static_cast<double>(scan.ranges[ray]);
+      const double incidence = targets.incidence(hit, origin + range * direction, direction);
+      intensity = intensity_of(surface, incidence, range);
+      is_seen = incidence >= least_incidence && intensity >= errors.min_intensity;
+      if (!is_seen) scan.ranges[ray] = kInfinity;
+    }
+    if (semantic != nullptr) semantic[ray] = is_seen ? surface.semantic : std::uint16_t{0};
+    if (instance != nullptr) instance[ray] = is_seen ? surface.instance : std::uint16_t{0};
+    if (intensities != nullptr) intensities[ray] = is_seen ? intensity : 0.0F;
   });
 }
 

@@ -70,6 +70,8 @@ struct RayTile {
 struct RayHit {
   std::int32_t element;   // as in RayBundle; bodies have the numbers that their Bodies give them
   std::int32_t triangle;  // its number in the mesh of a body; meaningless for other hits
+
+  friend bool operator==(const RayHit&, const RayHit&) = default;
 };
 
 // Counts of rays and packets that Embree traced against triangles, shadow rays included.

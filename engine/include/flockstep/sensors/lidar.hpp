@@ -64,7 +64,7 @@ struct LidarConfig {
         field("hfov_deg", &C::hfov_deg, {.about = "Horizontal field of view.", .unit = "deg", .limits = above_up_to(0, 360)}),
         field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0, 180)}),
         field("vfov_center_deg", &C::vfov_center_deg,
-              {.about = "Elevation of its middle. No channel may lie beyond 90.", .unit = "deg", .limits = within(90)}),
+              {.about = "Elevation of its middle. All channels lie within 90.", .unit = "deg", .limits = within(90)}),
         field(
             "max_range_m", &C::max_range_m,
             {.about = "Maximum range. Beyond it is a miss: inf in metres, 1 when normalised.", .unit = "m", .limits = above(0)}),

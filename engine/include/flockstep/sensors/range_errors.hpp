@@ -23,8 +23,8 @@ struct RangeErrors {
     using C = RangeErrors;
     return field_list(
         field("divergence_mrad", &C::divergence_mrad,
-              {.about = "Width of a beam. If its middle and its edge hit at ranges more than 0.2 m apart, it reads a random range "
-                        "between them. Each beam is traced twice then. 0: no width.",
+              {.about = "Width of a beam. If its middle and its edge hit more than 0.2 m apart, it reads a random range between. "
+                        "Beams with a width are traced twice.",
                .unit = "mrad",
                .limits = between(0, 100)}),
         field("noise_std_m", &C::noise_std_m,
@@ -42,11 +42,11 @@ struct RangeErrors {
                .limits = at_least(0)}),
         field("dropout", &C::dropout, {.about = "Probability that a beam that hits reads as a miss.", .limits = between(0, 1)}),
         field("max_incidence_deg", &C::max_incidence_deg,
-              {.about = "A beam that hits a surface at a larger angle from its normal reads as a miss. 90: none does.",
+              {.about = "A beam at a larger angle to the normal of a surface reads as a miss.",
                .unit = "deg",
                .limits = between(0, 90)}),
         field("min_intensity", &C::min_intensity,
-              {.about = "A beam that returns with a lower intensity reads as a miss.", .limits = between(0, 1)}));
+              {.about = "A beam of lower intensity reads as a miss.", .limits = between(0, 1)}));
   }
 
   FLOCKSTEP_API void validate() const;
