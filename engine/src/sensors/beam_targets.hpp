@@ -1,7 +1,7 @@
 // BeamTargets: the world, bodies and drones around a LiDAR, and the surfaces that its beams hit.
 #pragma once
 
-#include <Eigen/Core>
+#include <cstddef>
 
 #include "flockstep/pose.hpp"
 #include "render/appearance.hpp"
@@ -11,14 +11,23 @@
 
 namespace flockstep::sensors {
 
+// Neighbouring beams of a LiDAR that have hit the same thing.
+struct BeamRun {
+  Vec3 origin;              // m, world frame
+  Mat3 rotation;            // body to world
+  const float *x, *y, *z;   // (count + trace::kRayPadding,) directions, body frame
+  const float* ranges;      // (count,) m
+  std::size_t count;        // at most trace::kMaxRays
+};
+
 struct BeamTargets {
   // Numbers bodies and drones after the elements of the world.
   BeamTargets(const trace::Scene& scene_in, const render::VisibleBodies& bodies_in, const trace::Bodies& drones_in);
 
   // Returns colour and ids of a hit, which is no miss. Textures and colours of vertices do not count.
   render::Surface surface(const trace::RayHit& hit) const;
-  // Returns the cosine of the angle between a beam and the surface's normal at its hit. direction: unit. World frame.
-  double incidence(const trace::RayHit& hit, const Eigen::Vector3d& point, const Eigen::Vector3d& direction) const;
+  // Writes the cosines of the angles between beams and the normals of the surface where they have hit it.
+  void write_incidence(const trace::RayHit& hit, const BeamRun& run, trace::RayFloats& cosines) const;
 
   const trace::Scene& scene;
   render::VisibleBodies bodies;

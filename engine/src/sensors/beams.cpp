@@ -208,7 +208,13 @@ bool has_fans(const LidarConfig& config, TracerKind tracer) {
 }
 
 void write_directions(const BeamPattern& pattern, float* out) {
-  for_each_beam(pattern, [&](std::size_t beam, const Vec3& direction) { std::copy_n(direction.data(), 3, out + 3 * beam); });
+  for_each_row(pattern, [&](std::size_t from, std::size_t to, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) {
+      out[3 * (to + i)] = pattern.x[from + i];
+      out[3 * (to + i) + 1] = pattern.y[from + i];
+      out[3 * (to + i) + 2] = pattern.z[from + i];
+    }
+  });
 }
 
 }  // namespace flockstep::sensors

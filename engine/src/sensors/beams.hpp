@@ -39,14 +39,12 @@ BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& po
 // Returns true if some of the beams are traced as fans.
 bool has_fans(const LidarConfig& config, TracerKind tracer);
 
-// Calls f(beam, direction) for each beam; beam: its index in a scan.
+// Calls f(from, to, count) for the rows of all tiles: beams whose directions begin at `from`, and which begin at `to` in a scan.
 template <class F>
-void for_each_beam(const BeamPattern& pattern, const F& f) {
+void for_each_row(const BeamPattern& pattern, const F& f) {
   for (const BeamTile& tile : pattern.tiles) {
-    std::size_t from = tile.first;
     for (std::size_t row = 0; row < tile.rows; ++row) {
-      const std::size_t to = (tile.channel + row) * pattern.columns + tile.beam;
-      for (std::size_t i = 0; i < tile.width; ++i, ++from) f(to + i, Vec3(pattern.x[from], pattern.y[from], pattern.z[from]));
+      f(tile.first + row * tile.width, (tile.channel + row) * pattern.columns + tile.beam, tile.width);
     }
   }
 }

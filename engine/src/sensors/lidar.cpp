@@ -116,7 +116,7 @@ namespace flockstep::sensors {
 namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+constexpr float kRadPerDeg = std::numbers::pi_v<float> / 180.0F;
 constexpr std::size_t kManyDrones = 48;     // drones per env; fewer are searched as fast without slices
 constexpr std::size_t kDronesPerScan = 16;  // whose slicing takes as long as slices save in one scan
 
@@ -135,11 +135,10 @@ BeamTargets targets_of(DroneIndex drone, const Surroundings& surroundings) {
   return {surroundings.scene_of(drone), surroundings.bodies_of(drone), surroundings.drones_seen_by(drone)};
 }
 
-// The LiDAR equation of a surface that scatters light evenly (Lambert), in the units of LidarReadings.
-float intensity_of(const render::Surface& surface, double incidence, double range_m) {
-  const double reflectance = static_cast<double>(surface.color[0] + surface.color[1] + surface.color[2]) / 3.0;
-  const double distance = std::max(range_m, 1.0);
-  return static_cast<float>(std::min(reflectance * incidence / (distance * distance), 1.0));  // directions are rounded
+// The LiDAR equation of a surface that scatters light evenly (Lambert), in the units of LidarReadings. Directions are rounded.
+float intensity_of(float reflectance, float incidence, float range_m) {
+  const float distance = std::max(range_m, 1.0F);
+  return std::min(reflectance * incidence / (distance * distance), 1.0F);
 }
 
 BeamOptics optics_of(const LidarConfig& config, const trace::TracePolicy& policy) {
@@ -280,37 +279,46 @@ void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_er
 void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                     LidarReadings* readings) const {
   const RangeErrors& errors = config_.errors;
-  const bool needs_intensity = config_.outputs.intensity || errors.need_surfaces();
-  const double least_incidence =
-      errors.max_incidence_deg < 90.0F ? std::cos(static_cast<double>(errors.max_incidence_deg) * kRadPerDeg) : 0.0;
+  const bool needs_incidence = config_.outputs.intensity || errors.need_surfaces();
+  const float least_incidence = errors.max_incidence_deg < 90.0F ? std::cos(errors.max_incidence_deg * kRadPerDeg) : 0.0F;
   const Pose pose = pose_of(state, drone);
-  const Eigen::Matrix3d rotation = pose.rotation.cast<double>().toRotationMatrix();
-  const Eigen::Vector3d origin = pose.position.cast<double>() + rotation * offset_of(drone).cast<double>();
-  const auto row = [&](auto& values) { return values.empty() ? nullptr : values.data() + drone * rays_; };
-  std::uint16_t* const semantic = readings == nullptr ? nullptr : row(readings->semantic);
-  std::uint16_t* const instance = readings == nullptr ? nullptr : row(readings->instance);
-  float* const intensities = readings == nullptr ? nullptr : row(readings->intensity);
-  trace::RayHit last{-1, 0};  // whose surface is known: neighbours mostly hit the same
-  render::Surface surface;
-  for_each_beam(settings_.optics(drone).beams, [&](std::size_t ray, const Vec3& in_body) {
-    const trace::RayHit hit = scan.hits[ray];
-    bool is_seen = hit.element >= 0;
-    float intensity = 0.0F;
-    if (is_seen && hit != last) {
-      surface = targets.surface(hit);
-      last = hit;
+  const Mat3 rotation = pose.rotation.toRotationMatrix();
+  const Vec3 origin = pose.position + trace::rotated(rotation, offset_of(drone));
+  const BeamPattern& beams = settings_.optics(drone).beams;
+  alignas(64) trace::RayFloats incidence;
+  for_each_row(beams, [&](std::size_t from, std::size_t to, std::size_t count) {
+    for (std::size_t i = 0, same; i < count; i += same) {  // neighbours mostly hit the same
+      const trace::RayHit hit = scan.hits[to + i];
+      const auto rest = scan.hits.subspan(to + i, count - i);
+      same = static_cast<std::size_t>(std::ranges::find_if(rest, [&](const auto& other) { return other != hit; }) - rest.begin());
+      const bool is_miss = hit.element < 0;
+      const render::Surface surface = is_miss ? render::Surface() : targets.surface(hit);
+      const auto write = [&](auto& values, auto value) {
+        if (!values.empty()) std::fill_n(values.data() + drone * rays_ + to + i, same, value);
+      };
+      if (readings != nullptr) {
+        write(readings->semantic, surface.semantic);
+        write(readings->instance, surface.instance);
+        write(readings->intensity, 0.0F);
+      }
+      if (is_miss || !needs_incidence) continue;
+      float* const ranges = scan.ranges.data() + to + i;
+      targets.write_incidence(hit,
+                              {.origin = origin,
+                               .rotation = rotation,
+                               .x = beams.x.data() + from + i,
+                               .y = beams.y.data() + from + i,
+                               .z = beams.z.data() + from + i,
+                               .ranges = ranges,
+                               .count = same},
+                              incidence);
+      const float reflectance = (surface.color[0] + surface.color[1] + surface.color[2]) / 3.0F;
+      for (std::size_t k = 0; k < same; ++k) {
+        const float intensity = intensity_of(reflectance, incidence[k], ranges[k]);
+        if (config_.outputs.intensity && readings != nullptr) readings->intensity[drone * rays_ + to + i + k] = intensity;
+        if (incidence[k] < least_incidence || intensity < errors.min_intensity) ranges[k] = kInfinity;
+      }
     }
-    if (is_seen && needs_intensity) {
-      const Eigen::Vector3d direction = rotation * in_body.cast<double>();
-      const double range = static_cast<double>(scan.ranges[ray]);
-      const double incidence = targets.incidence(hit, origin + range * direction, direction);
-      intensity = intensity_of(surface, incidence, range);
-      is_seen = incidence >= least_incidence && intensity >= errors.min_intensity;
-      if (!is_seen) scan.ranges[ray] = kInfinity;
-    }
-    if (semantic != nullptr) semantic[ray] = is_seen ? surface.semantic : std::uint16_t{0};
-    if (instance != nullptr) instance[ray] = is_seen ? surface.instance : std::uint16_t{0};
-    if (intensities != nullptr) intensities[ray] = is_seen ? intensity : 0.0F;
   });
 }
 

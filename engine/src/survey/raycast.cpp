@@ -12,12 +12,36 @@
 #include "base/require.hpp"
 #include "prepared/prepared_world.hpp"
 #include "trace/tracer.hpp"
-#include "world/surface_normal.hpp"
+#include "world/triangle_normal.hpp"
 
 namespace flockstep {
 namespace {
 
 using Vec3d = Eigen::Vector3d;
+
+// Returns the outward normal of a primitive's surface at (or numerically near) a point on it.
+Vec3d surface_normal(const Primitive& primitive, const Vec3d& point) {
+  const Eigen::Matrix3d rotation = primitive.rotation.cast<double>().toRotationMatrix();
+  const Vec3d local = rotation.transpose() * (point - primitive.center.cast<double>());
+  const Vec3d half = primitive.half_extents.cast<double>();
+  if (primitive.kind == PrimitiveKind::sphere) return local.normalized();
+  if (primitive.kind == PrimitiveKind::plane || primitive.kind == PrimitiveKind::disc) return rotation.col(2);
+  if (primitive.kind == PrimitiveKind::capsule) {
+    const double middle = half.z() - half.x();
+    return rotation * (local - Vec3d(0, 0, std::clamp(local.z(), -middle, middle))).normalized();
+  }
+  if (primitive.kind == PrimitiveKind::cylinder) {
+    const double radial = std::hypot(local.x(), local.y());
+    const bool cap = std::abs(std::abs(local.z()) - half.z()) < std::abs(radial - half.x());
+    const Vec3d normal = cap ? Vec3d(0, 0, std::copysign(1.0, local.z())) : Vec3d(local.x() / radial, local.y() / radial, 0);
+    return rotation * normal;
+  }
+  int face = 0;  // face whose plane is nearest
+  ((local.cwiseAbs() - half).cwiseAbs()).minCoeff(&face);
+  Vec3d normal = Vec3d::Zero();
+  normal[face] = std::copysign(1.0, local[face]);
+  return rotation * normal;
+}
 
 template <class Holds>
 void require_rows(std::span<const float> values, const char* field, const std::string& expected, const Holds& holds) {
