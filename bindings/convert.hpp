@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "arrays.hpp"
+#include "base/excerpt.hpp"
 #include "base/nearest_name.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/world.hpp"
@@ -54,9 +55,10 @@ template <SetOfNames Outputs>
 Outputs outputs_of(const py::handle& names) {
   Outputs outputs;
   for_each_field(outputs, [](const auto&, bool& chosen) { chosen = false; });
-  if (py::isinstance<py::str>(names)) {
-    const std::string name = py::repr(names);
-    throw py::type_error("outputs: expected a sequence of names, got " + name + ": write (" + name + ",)");
+  if (py::isinstance<py::str>(names) || !py::isinstance<py::iterable>(names)) {
+    const std::string got = py::repr(names);
+    const std::string hint = py::isinstance<py::str>(names) ? ": write (" + got + ",)" : "";
+    throw py::type_error("outputs: expected a sequence of names, got " + got + hint);
   }
   for (const py::handle name : names) {
     const auto text = py::str(name).cast<std::string>();
@@ -70,7 +72,7 @@ Outputs outputs_of(const py::handle& names) {
       chosen = found = true;
     });
     if (!found)
-      throw py::value_error("outputs: expected names among " + expected + ", got \"" + text + '"' + did_you_mean(text, known));
+      throw py::value_error("outputs: expected names among " + expected + ", got " + quoted_excerpt(text) + did_you_mean(text, known));
   }
   return outputs;
 }

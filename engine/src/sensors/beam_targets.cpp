@@ -25,7 +25,7 @@ using F = WideUpTo<trace::kRayPadding>;
 using F3 = Wide3<F>;
 
 // Returns the magnitude of the cosine at a point of a solid. direction: unit, in the solid's frame like the point.
-HWY_INLINE F incidence(const trace::Shape& shape, const F3& at, const F3& direction) {
+HWY_INLINE F cosine_at(const trace::Shape& shape, const F3& at, const F3& direction) {
   if (shape.kind == trace::ShapeKind::box) {
     const auto [y_over_x, z_over_xy] = nearest_face(shape, at);
     return abs(select(z_over_xy, direction.z, select(y_over_x, direction.y, direction.x)));
@@ -42,7 +42,7 @@ void at_solid(const trace::Shape& shape, const BeamRun& run, float* cosines) {
     const F3 direction = shape.aligned ? in_world : rotate(shape.to_local, in_world);
     const F range = F::load_first(run.count - i, run.ranges + i);
     const F3 at{o.x() + range * direction.x, o.y() + range * direction.y, o.z() + range * direction.z};
-    incidence(shape, at, direction).store_unaligned(cosines + i);
+    cosine_at(shape, at, direction).store_unaligned(cosines + i);
   }
 }
 
@@ -110,7 +110,7 @@ render::Surface BeamTargets::surface(const trace::RayHit& hit) const {
           .instance = bodies.instance(number)};
 }
 
-void BeamTargets::write_incidence(const trace::RayHit& hit, const BeamRun& run, trace::RayFloats& cosines) const {
+void BeamTargets::write_cosines(const trace::RayHit& hit, const BeamRun& run, trace::RayFloats& cosines) const {
   if (is_of_world(hit)) {
     if (hit.element < scene.first_triangle()) return at_solid(scene.shape(static_cast<std::size_t>(hit.element)), run, cosines);
     const auto triangle = static_cast<std::size_t>(hit.element - scene.first_triangle());

@@ -27,7 +27,7 @@ struct BeamTargets {
   // Returns colour and ids of a hit, which is no miss. Textures and colours of vertices do not count.
   render::Surface surface(const trace::RayHit& hit) const;
   // Writes the cosines of the angles between beams and the normals of the surface where they have hit it.
-  void write_incidence(const trace::RayHit& hit, const BeamRun& run, trace::RayFloats& cosines) const;
+  void write_cosines(const trace::RayHit& hit, const BeamRun& run, trace::RayFloats& cosines) const;
 
   const trace::Scene& scene;
   render::VisibleBodies bodies;

@@ -136,9 +136,9 @@ BeamTargets targets_of(DroneIndex drone, const Surroundings& surroundings) {
 }
 
 // The LiDAR equation of a surface that scatters light evenly (Lambert), in the units of LidarReadings. Directions are rounded.
-float intensity_of(float reflectance, float incidence, float range_m) {
+float intensity_of(float reflectance, float cosine, float range_m) {
   const float distance = std::max(range_m, 1.0F);
-  return std::min(reflectance * incidence / (distance * distance), 1.0F);
+  return std::min(reflectance * cosine / (distance * distance), 1.0F);
 }
 
 BeamOptics optics_of(const LidarConfig& config, const trace::TracePolicy& policy) {
@@ -279,13 +279,13 @@ void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_er
 void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                     LidarReadings* readings) const {
   const RangeErrors& errors = config_.errors;
-  const bool needs_incidence = config_.outputs.intensity || errors.need_surfaces();
-  const float least_incidence = errors.max_incidence_deg < 90.0F ? std::cos(errors.max_incidence_deg * kRadPerDeg) : 0.0F;
+  const bool needs_cosines = config_.outputs.intensity || errors.need_surfaces();
+  const float min_cosine = errors.max_incidence_deg < 90.0F ? std::cos(errors.max_incidence_deg * kRadPerDeg) : 0.0F;
   const Pose pose = pose_of(state, drone);
   const Mat3 rotation = pose.rotation.toRotationMatrix();
   const Vec3 origin = pose.position + trace::rotated(rotation, offset_of(drone));
   const BeamPattern& beams = settings_.optics(drone).beams;
-  alignas(64) trace::RayFloats incidence;
+  alignas(64) trace::RayFloats cosines;
   for_each_row(beams, [&](std::size_t from, std::size_t to, std::size_t count) {
     for (std::size_t i = 0, same; i < count; i += same) {  // neighbours mostly hit the same
       const trace::RayHit hit = scan.hits[to + i];
@@ -301,9 +301,9 @@ void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& s
         write(readings->instance, surface.instance);
         write(readings->intensity, 0.0F);
       }
-      if (is_miss || !needs_incidence) continue;
+      if (is_miss || !needs_cosines) continue;
       float* const ranges = scan.ranges.data() + to + i;
-      targets.write_incidence(hit,
+      targets.write_cosines(hit,
                               {.origin = origin,
                                .rotation = rotation,
                                .x = beams.x.data() + from + i,
@@ -311,12 +311,12 @@ void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& s
                                .z = beams.z.data() + from + i,
                                .ranges = ranges,
                                .count = same},
-                              incidence);
+                              cosines);
       const float reflectance = (surface.color[0] + surface.color[1] + surface.color[2]) / 3.0F;
       for (std::size_t k = 0; k < same; ++k) {
-        const float intensity = intensity_of(reflectance, incidence[k], ranges[k]);
+        const float intensity = intensity_of(reflectance, cosines[k], ranges[k]);
         if (config_.outputs.intensity && readings != nullptr) readings->intensity[drone * rays_ + to + i + k] = intensity;
-        if (incidence[k] < least_incidence || intensity < errors.min_intensity) ranges[k] = kInfinity;
+        if (cosines[k] < min_cosine || intensity < errors.min_intensity) ranges[k] = kInfinity;
       }
     }
   });

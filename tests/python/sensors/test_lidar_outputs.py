@@ -286,8 +286,9 @@ def test_configurations_and_bad_names():
     assert eval(repr(lidar), vars(flockstep)) == lidar
     env = flockstep.DroneVectorEnv(2, worlds="train", lidar=lidar)
     assert flockstep.Recipe.from_json(env.recipe.to_json()).lidars[0] == lidar
-    for bad in (["class"], ["<b>"], ["rgb"]):
-        with refused(ValueError, "outputs", bad[0]):
+    for bad in (["class"], ["<b>"], ["rgb"], ["intensity", "x" * 50]):
+        with refused(ValueError, "outputs", bad[-1]):
             LidarConfig(outputs=bad)
-    with refused(TypeError, "outputs"):
-        LidarConfig(outputs="intensity")
+    for wrong in ("intensity", 3, None):
+        with refused(TypeError, "outputs", wrong):
+            LidarConfig(outputs=wrong)
