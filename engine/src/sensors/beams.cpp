@@ -97,6 +97,7 @@ class PatternMaker {
   PatternMaker(const LidarConfig& config, const trace::TracePolicy& policy, double beside_rad = 0.0)
       : policy_(policy),
         range_m_(config.max_range_m),
+        is_rolling_(config.scan_time_s > 0.0F),
         channels_(static_cast<std::size_t>(config.rows())),
         columns_(static_cast<std::size_t>(config.columns())) {
     const auto& q = config.quat_wxyz;
@@ -145,7 +146,7 @@ class PatternMaker {
 
   // Returns true if the policy traces these rays as a fan.
   bool is_fan(std::span<const Eigen::Vector3d> rays) const {
-    if (rays.size() < policy_.min_rays_in_slice || !trace::are_in_plane(rays)) return false;
+    if (is_rolling_ || rays.size() < policy_.min_rays_in_slice || !trace::are_in_plane(rays)) return false;
     const trace::Fan first = trace::make_fan(rays.first(std::min(rays.size(), trace::kMaxRays)), mounting_);
     return range_m_ * first.between_rad <= policy_.widest_in_slice;
   }
@@ -165,7 +166,7 @@ class PatternMaker {
   // Adds tiles for the channels from begin to end.
   void add_grid(std::size_t begin, std::size_t end) {
     const std::size_t height = std::min(end - begin, trace::kMaxRays / kTileWidth);
-    const std::size_t width = channels_ == 1 && columns_ <= kFan ? columns_ : kTileWidth;
+    const std::size_t width = is_rolling_ ? 1 : channels_ == 1 && columns_ <= kFan ? columns_ : kTileWidth;
     for (std::size_t channel = begin; channel < end; channel += height) {
       for (std::size_t beam = 0; beam < columns_; beam += width) {
         add_tile(channel, std::min(height, end - channel), beam, std::min(width, columns_ - beam));
@@ -189,6 +190,7 @@ class PatternMaker {
 
   const trace::TracePolicy policy_;
   const float range_m_;
+  const bool is_rolling_;  // the beams of a column are in tiles of their own
   const std::size_t channels_, columns_;
   Eigen::Matrix3d mounting_;
   std::vector<Eigen::Vector3d> directions_;  // by channel and beam, before the mounting rotation

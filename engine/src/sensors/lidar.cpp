@@ -162,7 +162,9 @@ Lidar::Lidar(const LidarConfig& config, const SensorSetup& setup)
       policy_(policy_of(config, setup.tracer)),
       rays_(rays_of(config)),
       number_(setup.number),
-      settings_(config, setup.num_drones, true, [policy = policy_](const LidarConfig& of) { return optics_of(of, policy); }) {
+      settings_(config, setup.num_drones, true, [policy = policy_](const LidarConfig& of) { return optics_of(of, policy); }),
+      scan_ticks_(static_cast<float>(static_cast<double>(config.scan_time_s) / setup.clock.dt_s())),
+      motion_(config.scan_time_s > 0.0F ? setup.num_drones : 0) {
   std::ranges::fill(readings_.published().max_range_m, config.max_range_m);
   if (config.needs_hits()) hits_.resize(setup.num_drones * rays_);
   if (config.errors.divergence_mrad > 0.0F) edges_.resize(setup.num_drones * rays_);
@@ -193,8 +195,14 @@ void Lidar::set_config(DroneIndex drone, const LidarConfig& config) {
   readings_.published().max_range_m[drone] = settings_[drone].max_range_m;
 }
 
+void Lidar::begin(DroneIndex drone, const State& state) {
+  SensorOf::begin(drone, state);
+  if (is_rolling()) motion_.forget(drone);
+}
+
 void Lidar::clear(DroneIndex drone) {
   SensorOf::clear(drone);
+  if (is_rolling()) motion_.forget(drone);
   std::fill_n(readings_.published().ranges.data() + drone * rays_, rays_, kInfinity);
   for_each_output(readings_.published(), config_.outputs,
                   [&](const auto&, auto& values) { std::fill_n(values.data() + drone * rays_, rays_, 0); });
@@ -229,6 +237,7 @@ void Lidar::visit(ArrayVisitor& visitor) {
   if (has_age()) visitor.array("ranges_age_s", readings_.published().age_s);
   for_each_output(readings_.published(), config_.outputs,
                   [&](const auto& entry, auto& values) { visitor.array(entry.name, values); });
+  if (is_rolling()) motion_.visit(visitor);
   visit_delay(visitor);
   settings_.visit(label(), visitor);
 }
@@ -259,10 +268,18 @@ void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surr
     trace_beams(targets, drone, surroundings.state, scan_of(drone), surroundings.tracer);
   }
   surroundings.tracer.finish();
-  if (hits_.empty()) return;
+  if (hits_.empty() && !is_rolling()) return;
+  const State& state = surroundings.state;
   for (const DroneIndex drone : drones) {
-    look_at(targets_of(drone, surroundings), drone, surroundings.state, scan_of(drone), &readings_.truth());
+    if (!hits_.empty()) look_at(targets_of(drone, surroundings), drone, state, scan_of(drone), &readings_.truth());
+    if (is_rolling()) motion_.add(drone, pose_of(state, drone), tick_of(drone, state));
   }
+}
+
+// The last column is traced at the reading.
+Pose Lidar::pose_at(const ScanPath& path, std::size_t column) const {
+  const auto columns = static_cast<float>(config_.columns());
+  return path.before(scan_ticks_ * (1.0F - static_cast<float>(column + 1) / columns));
 }
 
 void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_errors, std::span<float> ranges) const {
@@ -281,12 +298,17 @@ void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& s
   const RangeErrors& errors = config_.errors;
   const bool needs_cosines = config_.outputs.intensity || errors.need_surfaces();
   const float min_cosine = errors.max_incidence_deg < 90.0F ? std::cos(errors.max_incidence_deg * kRadPerDeg) : 0.0F;
-  const Pose pose = pose_of(state, drone);
-  const Mat3 rotation = pose.rotation.toRotationMatrix();
-  const Vec3 origin = pose.position + trace::rotated(rotation, offset_of(drone));
+  const ScanPath path = path_of(drone, state);
   const BeamPattern& beams = settings_.optics(drone).beams;
   alignas(64) trace::RayFloats cosines;
+  BeamRun run{};
+  const auto aim = [&](const Pose& pose) {
+    run.rotation = pose.rotation.toRotationMatrix();
+    run.origin = pose.position + trace::rotated(run.rotation, offset_of(drone));
+  };
+  aim(path.to);
   for_each_row(beams, [&](std::size_t from, std::size_t to, std::size_t count) {
+    if (is_rolling()) aim(pose_at(path, to % beams.columns));
     for (std::size_t i = 0, same; i < count; i += same) {  // neighbours mostly hit the same
       const trace::RayHit hit = scan.hits[to + i];
       const auto rest = scan.hits.subspan(to + i, count - i);
@@ -303,15 +325,12 @@ void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& s
       }
       if (is_miss || !needs_cosines) continue;
       float* const ranges = scan.ranges.data() + to + i;
-      targets.write_cosines(hit,
-                              {.origin = origin,
-                               .rotation = rotation,
-                               .x = beams.x.data() + from + i,
-                               .y = beams.y.data() + from + i,
-                               .z = beams.z.data() + from + i,
-                               .ranges = ranges,
-                               .count = same},
-                              cosines);
+      run.x = beams.x.data() + from + i;
+      run.y = beams.y.data() + from + i;
+      run.z = beams.z.data() + from + i;
+      run.ranges = ranges;
+      run.count = same;
+      targets.write_cosines(hit, run, cosines);
       const float reflectance = (surface.color[0] + surface.color[1] + surface.color[2]) / 3.0F;
       for (std::size_t k = 0; k < same; ++k) {
         const float intensity = intensity_of(reflectance, cosines[k], ranges[k]);
@@ -354,17 +373,21 @@ void Lidar::add_errors(DroneIndex drone, const State& state, const Scan& scan) c
 
 void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                         trace::Tracer& tracer) const {
-  const Pose pose = pose_of(state, drone);
-  const Mat3 rotation = pose.rotation.toRotationMatrix();
-  tracer.set_viewpoint(targets.scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
-                                       .rotation = rotation,
-                                       .range = settings_[drone].max_range_m,
-                                       .bodies = &targets.bodies.shapes,
-                                       .drones = &targets.drones,
-                                       .policy = policy_});
+  const auto aim = [&](const Pose& pose) {
+    const Mat3 rotation = pose.rotation.toRotationMatrix();
+    tracer.set_viewpoint(targets.scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
+                                         .rotation = rotation,
+                                         .range = settings_[drone].max_range_m,
+                                         .bodies = &targets.bodies.shapes,
+                                         .drones = &targets.drones,
+                                         .policy = policy_});
+  };
+  const ScanPath path = path_of(drone, state);
+  if (!is_rolling()) aim(path.to);
   const auto trace_pattern = [&](const BeamPattern& pattern, std::span<float> ranges, std::span<trace::RayHit> hits) {
     for (const BeamTile& tile : pattern.tiles) {
       const std::size_t first = tile.channel * pattern.columns + tile.beam;
+      if (is_rolling()) aim(pose_at(path, tile.beam));
       tracer.enqueue({.x = pattern.x.data() + tile.first,
                       .y = pattern.y.data() + tile.first,
                       .z = pattern.z.data() + tile.first,

@@ -16,6 +16,7 @@
 #include "sensors/beam_targets.hpp"
 #include "sensors/beams.hpp"
 #include "sensors/drone_settings.hpp"
+#include "sensors/scan_motion.hpp"
 #include "sensors/sensor.hpp"
 #include "trace/tracer.hpp"
 
@@ -52,6 +53,7 @@ class Lidar final : public SensorOf<LidarReadings> {
   // Scans now, with the drone's own setting. ranges: exact, or with the errors of the drone's latest reading.
   void scan(DroneIndex drone, const Surroundings& surroundings, bool has_errors, std::span<float> ranges) const;
 
+  void begin(DroneIndex drone, const State& state) override;
   void use_default_settings(DroneIndex drone) override { set_config(drone, config_); }
   void clear(DroneIndex drone) override;
   void list_arrays(const std::function<void(const ArrayView&)>& list) const override {
@@ -62,6 +64,10 @@ class Lidar final : public SensorOf<LidarReadings> {
   void visit(ArrayVisitor& visitor) override;
   void check_bytes(std::span<const std::byte> settings) const override { settings_.check_bytes(settings); }
   void restored() override;
+  void check() const override {
+    SensorOf::check();
+    motion_.check();
+  }
 
  private:
   // Consecutive drones in the same world share the ray packets that go through Embree.
@@ -74,6 +80,14 @@ class Lidar final : public SensorOf<LidarReadings> {
     std::span<trace::RayHit> hits;
     std::span<float> edges;  // ranges of the rays at the edges of the beams
   };
+  bool is_rolling() const { return config_.scan_time_s > 0.0F; }
+  std::int64_t tick_of(DroneIndex drone, const State& state) const { return state.tick[RandomKey::of(drone, drones_per_env_).env]; }
+  ScanPath path_of(DroneIndex drone, const State& state) const {
+    const Pose now = pose_of(state, drone);
+    return is_rolling() ? motion_.path_of(drone, now, tick_of(drone, state)) : ScanPath{now, now};
+  }
+  // Returns the drone's pose when a column of beams is traced.
+  Pose pose_at(const ScanPath& path, std::size_t column) const;
   Scan scan_of(DroneIndex drone) {
     const auto row = [&](auto& values) {
       return values.empty() ? std::span(values) : std::span(values).subspan(drone * rays_, rays_);
@@ -96,6 +110,8 @@ class Lidar final : public SensorOf<LidarReadings> {
   // (N, rays) of the scans in progress; empty if not needed
   std::vector<trace::RayHit> hits_;
   std::vector<float> edges_;
+  float scan_ticks_;   // ticks that a scan takes
+  ScanMotion motion_;  // of no drones unless scans take time
   std::atomic<bool> has_scanned_{false};
 };
 

@@ -43,6 +43,7 @@ struct LidarConfig {
   std::vector<float> elevation_deg;
   LidarOutputs outputs;
   RangeErrors errors;
+  float scan_time_s = 0.0F;
   std::optional<float> rate_hz;
   float latency_s = 0.0F;
   float jitter_s = 0.0F;
@@ -78,7 +79,13 @@ struct LidarConfig {
               {.about = "Elevations of the pattern, one for each azimuth.", .unit = "deg", .limits = within(90)}),
         field("outputs", &C::outputs,
               {.about = "Arrays to write besides the ranges: ``\"semantic\"``, ``\"instance\"``, ``\"intensity\"``."}),
-        field("errors", &C::errors, {.about = "How ranges err."}), field("rate_hz", &C::rate_hz, kSensorRate),
+        field("errors", &C::errors, {.about = "How ranges err."}),
+        field("scan_time_s", &C::scan_time_s,
+              {.about = "Time of a scan up to its reading. Its columns are traced one after another, which takes longer, from poses "
+                        "between the last two readings.",
+               .unit = "s",
+               .limits = between(0, 1)}),
+        field("rate_hz", &C::rate_hz, kSensorRate),
         field("latency_s", &C::latency_s, kSensorLatency), field("jitter_s", &C::jitter_s, kSensorJitter),
         field("loss", &C::loss, kSensorLoss));
   }
