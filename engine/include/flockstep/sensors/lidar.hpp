@@ -56,7 +56,7 @@ struct LidarConfig {
     return field_list(
         field("name", &C::name, {.about = "Name for `Batch.lidar`, unique among the LiDARs.", .form = Form::plain_name}),
         field("channels", &C::channels,
-              {.about = "Channels, from -vfov/2 to +vfov/2 around ``vfov_center_deg``, both included. A single one lies there.",
+              {.about = "Channels, from -vfov/2 to +vfov/2 around the middle, both included. A single one lies there.",
                .limits = between(1, kMaxRays)}),
         field("beams", &C::beams,
               {.about = "Beams of a channel, counter-clockwise from -hfov/2 to +hfov/2, both included (at 360 without the end). "
@@ -65,7 +65,7 @@ struct LidarConfig {
         field("hfov_deg", &C::hfov_deg, {.about = "Horizontal field of view.", .unit = "deg", .limits = above_up_to(0, 360)}),
         field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0, 180)}),
         field("vfov_center_deg", &C::vfov_center_deg,
-              {.about = "Elevation of its middle. All channels lie within 90.", .unit = "deg", .limits = within(90)}),
+              {.about = "Elevation of its middle.", .unit = "deg", .limits = within(90)}),
         field(
             "max_range_m", &C::max_range_m,
             {.about = "Maximum range. Beyond it is a miss: inf in metres, 1 when normalised.", .unit = "m", .limits = above(0)}),
@@ -78,11 +78,11 @@ struct LidarConfig {
         field("elevation_deg", &C::elevation_deg,
               {.about = "Elevations of the pattern, one for each azimuth.", .unit = "deg", .limits = within(90)}),
         field("outputs", &C::outputs,
-              {.about = "Arrays to write besides the ranges: ``\"semantic\"``, ``\"instance\"``, ``\"intensity\"``."}),
+              {.about = "Further arrays: ``\"semantic\"``, ``\"instance\"``, ``\"intensity\"``."}),
         field("errors", &C::errors, {.about = "How ranges err."}),
         field("scan_time_s", &C::scan_time_s,
-              {.about = "Time of a scan up to its reading. Its columns are traced one after another, which takes longer, from poses "
-                        "between the last two readings.",
+              {.about = "Time of a scan, up to its reading. Its columns are traced one by one, from poses between the last two "
+                        "readings.",
                .unit = "s",
                .limits = between(0, 1)}),
         field("rate_hz", &C::rate_hz, kSensorRate),
