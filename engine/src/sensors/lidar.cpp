@@ -309,7 +309,7 @@ void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& s
   aim(path.to);
   for_each_row(beams, [&](std::size_t from, std::size_t to, std::size_t count) {
     if (is_rolling()) aim(pose_at(path, to % beams.columns));
-    for (std::size_t i = 0, same; i < count; i += same) {  // neighbours mostly hit the same
+    for (std::size_t i = 0, same = 1; i < count; i += same) {  // neighbours mostly hit the same
       const trace::RayHit hit = scan.hits[to + i];
       const auto rest = scan.hits.subspan(to + i, count - i);
       same = static_cast<std::size_t>(std::ranges::find_if(rest, [&](const auto& other) { return other != hit; }) - rest.begin());
