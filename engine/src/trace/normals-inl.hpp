@@ -6,6 +6,8 @@
 #define FLOCKSTEP_TRACE_NORMALS_INL_HPP
 #endif
 
+#include <hwy/highway.h>
+
 #include <limits>
 
 #include "base/wide-inl.hpp"
