@@ -72,7 +72,8 @@ Outputs outputs_of(const py::handle& names) {
       chosen = found = true;
     });
     if (!found)
-      throw py::value_error("outputs: expected names among " + expected + ", got " + quoted_excerpt(text) + did_you_mean(text, known));
+      throw py::value_error("outputs: expected names among " + expected + ", got " + quoted_excerpt(text) +
+                            did_you_mean(text, known));
   }
   return outputs;
 }

@@ -38,8 +38,8 @@ bool is_output(const char* kind, const Config& config, std::string_view name) {
     if (output.name != name) return;
     found = true;
     if (is_written) return;
-    throw py::value_error(std::string(kind) + " \"" + config.name + "\": expected \"" + output.name + "\" among its outputs, got " +
-                          std::string(py::repr(py::cast(config).attr("outputs"))));
+    throw py::value_error(std::string(kind) + " \"" + config.name + "\": expected \"" + output.name +
+                          "\" among its outputs, got " + std::string(py::repr(py::cast(config).attr("outputs"))));
   });
   return found;
 }

@@ -91,8 +91,7 @@ render::Surface BeamTargets::surface(const trace::RayHit& hit) const {
     const auto element = static_cast<std::size_t>(hit.element), num_primitives = world.primitives().size();
     const bool is_primitive = element < num_primitives;
     const std::size_t triangle = element - num_primitives;  // for triangles
-    const std::uint16_t material =
-        is_primitive ? world.primitives()[element].material : world.triangles().materials[triangle];
+    const std::uint16_t material = is_primitive ? world.primitives()[element].material : world.triangles().materials[triangle];
     const std::size_t object = is_primitive ? element : num_primitives + world.triangles().objects[triangle];
     return {.color = world.materials()[material].base_color,
             .semantic = world.semantic(material),
@@ -105,9 +104,10 @@ render::Surface BeamTargets::surface(const trace::RayHit& hit) const {
   }
   const std::size_t number = number_of(hit, bodies.shapes);
   const render::BodySurface& body = bodies.surface(number);
-  return {.color = body.mesh == nullptr ? body.color : material_of(**body.mesh, static_cast<std::size_t>(hit.triangle)).base_color,
-          .semantic = body.semantic,
-          .instance = bodies.instance(number)};
+  return {
+      .color = body.mesh == nullptr ? body.color : material_of(**body.mesh, static_cast<std::size_t>(hit.triangle)).base_color,
+      .semantic = body.semantic,
+      .instance = bodies.instance(number)};
 }
 
 void BeamTargets::write_cosines(const trace::RayHit& hit, const BeamRun& run, trace::RayFloats& cosines) const {

@@ -13,11 +13,11 @@ namespace flockstep::sensors {
 
 // Neighbouring beams of a LiDAR that have hit the same thing.
 struct BeamRun {
-  Vec3 origin;              // m, world frame
-  Mat3 rotation;            // body to world
-  const float *x, *y, *z;   // (count + trace::kRayPadding,) directions, body frame
-  const float* ranges;      // (count,) m
-  std::size_t count;        // at most trace::kMaxRays
+  Vec3 origin;             // m, world frame
+  Mat3 rotation;           // body to world
+  const float *x, *y, *z;  // (count + trace::kRayPadding,) directions, body frame
+  const float* ranges;     // (count,) m
+  std::size_t count;       // at most trace::kMaxRays
 };
 
 struct BeamTargets {

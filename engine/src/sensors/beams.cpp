@@ -33,8 +33,8 @@ Eigen::Vector3d beam_direction(const LidarConfig& config, std::size_t channel, s
     elevation_deg = config.elevation_deg[beam];
   } else {
     azimuth_deg = spread_deg(static_cast<int>(beam), config.beams, config.hfov_deg);
-    elevation_deg = static_cast<double>(config.vfov_center_deg) +
-                    spread_deg(static_cast<int>(channel), config.channels, config.vfov_deg);
+    elevation_deg =
+        static_cast<double>(config.vfov_center_deg) + spread_deg(static_cast<int>(channel), config.channels, config.vfov_deg);
   }
   const double azimuth = azimuth_deg * kRadPerDeg;
   const double elevation = elevation_deg * kRadPerDeg;
@@ -105,7 +105,8 @@ class PatternMaker {
     for (std::size_t channel = 0; channel < channels_; ++channel) {
       for (std::size_t beam = 0; beam < columns_; ++beam) directions_.push_back(beam_direction(config, channel, beam));
     }
-    for (std::size_t i = 0; beside_rad > 0.0 && i < directions_.size(); ++i) directions_[i] = beside(directions_[i], beside_rad, i);
+    for (std::size_t i = 0; beside_rad > 0.0 && i < directions_.size(); ++i)
+      directions_[i] = beside(directions_[i], beside_rad, i);
   }
 
   bool has_fans() const {

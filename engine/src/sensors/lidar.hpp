@@ -81,7 +81,9 @@ class Lidar final : public SensorOf<LidarReadings> {
     std::span<float> edges;  // ranges of the rays at the edges of the beams
   };
   bool is_rolling() const { return config_.scan_time_s > 0.0F; }
-  std::int64_t tick_of(DroneIndex drone, const State& state) const { return state.tick[RandomKey::of(drone, drones_per_env_).env]; }
+  std::int64_t tick_of(DroneIndex drone, const State& state) const {
+    return state.tick[RandomKey::of(drone, drones_per_env_).env];
+  }
   ScanPath path_of(DroneIndex drone, const State& state) const {
     const Pose now = pose_of(state, drone);
     return is_rolling() ? motion_.path_of(drone, now, tick_of(drone, state)) : ScanPath{now, now};

@@ -33,7 +33,8 @@ struct ScanPath {
 
 class ScanMotion {
  public:
-  explicit ScanMotion(std::size_t num_drones) : from_(num_drones), to_(num_drones), from_tick_(num_drones), tick_(num_drones, -1) {}
+  explicit ScanMotion(std::size_t num_drones)
+      : from_(num_drones), to_(num_drones), from_tick_(num_drones), tick_(num_drones, -1) {}
 
   // Returns the motion up to a reading now. A drone that has been placed since the reading before has not moved.
   ScanPath path_of(DroneIndex drone, const Pose& now, std::int64_t tick) const {

@@ -373,11 +373,8 @@ TEST(LidarChange, IsRefusedEvenIfNoDroneIsSelected) {
 // Batch::Lidar::scan() reads what sense() has read, errors by surfaces included.
 TEST(LidarScan, IsTheReadingOfItsDrone) {
   LidarConfig lidar{.channels = 8, .beams = 50, .hfov_deg = 360.0F, .vfov_deg = 40.0F, .max_range_m = 8.0F};
-  lidar.errors = {.divergence_mrad = 50.0F,
-                  .noise_std_m = 0.01F,
-                  .dropout = 0.1F,
-                  .max_incidence_deg = 60.0F,
-                  .min_intensity = 0.02F};
+  lidar.errors = {
+      .divergence_mrad = 50.0F, .noise_std_m = 0.01F, .dropout = 0.1F, .max_incidence_deg = 60.0F, .min_intensity = 0.02F};
   Random random(10);
   const Poses poses = random_poses(random, 5, {4.5F, 3.5F, 2.5F});
   Batch batch(lidar_batch(5, lidar), {crowded_world()});

@@ -64,8 +64,7 @@ struct LidarConfig {
                .limits = between(1, kMaxRays)}),
         field("hfov_deg", &C::hfov_deg, {.about = "Horizontal field of view.", .unit = "deg", .limits = above_up_to(0, 360)}),
         field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0, 180)}),
-        field("vfov_center_deg", &C::vfov_center_deg,
-              {.about = "Elevation of its middle.", .unit = "deg", .limits = within(90)}),
+        field("vfov_center_deg", &C::vfov_center_deg, {.about = "Elevation of its middle.", .unit = "deg", .limits = within(90)}),
         field(
             "max_range_m", &C::max_range_m,
             {.about = "Maximum range. Beyond it is a miss: inf in metres, 1 when normalised.", .unit = "m", .limits = above(0)}),
@@ -77,17 +76,15 @@ struct LidarConfig {
                .limits = within(360)}),
         field("elevation_deg", &C::elevation_deg,
               {.about = "Elevations of the pattern, one for each azimuth.", .unit = "deg", .limits = within(90)}),
-        field("outputs", &C::outputs,
-              {.about = "Further arrays: ``\"semantic\"``, ``\"instance\"``, ``\"intensity\"``."}),
+        field("outputs", &C::outputs, {.about = "Further arrays: ``\"semantic\"``, ``\"instance\"``, ``\"intensity\"``."}),
         field("errors", &C::errors, {.about = "How ranges err."}),
         field("scan_time_s", &C::scan_time_s,
               {.about = "Time of a scan, up to its reading. Its columns are traced one by one, from poses between the last two "
                         "readings.",
                .unit = "s",
                .limits = between(0, 1)}),
-        field("rate_hz", &C::rate_hz, kSensorRate),
-        field("latency_s", &C::latency_s, kSensorLatency), field("jitter_s", &C::jitter_s, kSensorJitter),
-        field("loss", &C::loss, kSensorLoss));
+        field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency),
+        field("jitter_s", &C::jitter_s, kSensorJitter), field("loss", &C::loss, kSensorLoss));
   }
 
   // Returns the LiDAR of a product, such as "vlp-16", with its errors; docs/reference/sensors.md lists the products. Throws

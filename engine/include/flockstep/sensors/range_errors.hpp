@@ -23,8 +23,9 @@ struct RangeErrors {
     using C = RangeErrors;
     return field_list(
         field("divergence_mrad", &C::divergence_mrad,
-              {.about = "Width of a beam. If its middle and its edge hit more than 0.2 m apart, it reads a range between, at random. "
-                        "Beams are then traced twice.",
+              {.about =
+                   "Width of a beam. If its middle and its edge hit more than 0.2 m apart, it reads a range between, at random. "
+                   "Beams are then traced twice.",
                .unit = "mrad",
                .limits = between(0, 100)}),
         field("noise_std_m", &C::noise_std_m,
@@ -42,11 +43,8 @@ struct RangeErrors {
                .limits = at_least(0)}),
         field("dropout", &C::dropout, {.about = "Probability that a beam that hits reads as a miss.", .limits = between(0, 1)}),
         field("max_incidence_deg", &C::max_incidence_deg,
-              {.about = "A beam at a larger angle to a surface's normal misses.",
-               .unit = "deg",
-               .limits = between(0, 90)}),
-        field("min_intensity", &C::min_intensity,
-              {.about = "A beam of lower intensity misses.", .limits = between(0, 1)}));
+              {.about = "A beam at a larger angle to a surface's normal misses.", .unit = "deg", .limits = between(0, 90)}),
+        field("min_intensity", &C::min_intensity, {.about = "A beam of lower intensity misses.", .limits = between(0, 1)}));
   }
 
   FLOCKSTEP_API void validate() const;
