@@ -190,9 +190,7 @@ def test_grazing_beams_miss():
     batch.sense()
     assert np.isfinite(batch.lidar().ranges).all()
     errors = RangeErrors(max_incidence_deg=60.5)
-    batch = placed(
-        [WALL], [[2, 0, 0]], lidar=LidarConfig(beams=171, hfov_deg=170, max_range_m=100, errors=errors)
-    )
+    batch = placed([WALL], [[2, 0, 0]], lidar=LidarConfig(beams=171, hfov_deg=170, max_range_m=100, errors=errors))
     batch.sense()
     np.testing.assert_array_equal(np.isfinite(batch.lidar().ranges[0, 0]), np.abs(np.arange(-85, 86)) <= 60)
 
@@ -228,7 +226,9 @@ def test_a_removed_drone_has_none():
 
 
 def test_bits_do_not_depend_on_threads_and_blocks():
-    lidar = LidarConfig(outputs=OUTPUTS, max_range_m=50, errors=RangeErrors(divergence_mrad=30, dropout=0.2, min_intensity=0.01))
+    lidar = LidarConfig(
+        outputs=OUTPUTS, max_range_m=50, errors=RangeErrors(divergence_mrad=30, dropout=0.2, min_intensity=0.01)
+    )
     first = scanned([lidar], num_threads=1)
     for keywords in ({"num_threads": 3, "block_size": 1}, {"num_threads": 2, "block_size": 4}):
         other = scanned([lidar], **keywords)
