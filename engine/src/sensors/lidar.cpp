@@ -116,7 +116,6 @@ namespace flockstep::sensors {
 namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-constexpr float kRadPerDeg = std::numbers::pi_v<float> / 180.0F;
 constexpr std::size_t kManyDrones = 48;     // drones per env; fewer are searched as fast without slices
 constexpr std::size_t kDronesPerScan = 16;  // whose slicing takes as long as slices save in one scan
 
@@ -297,7 +296,8 @@ void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& s
                     LidarReadings* readings) const {
   const RangeErrors& errors = config_.errors;
   const bool needs_cosines = config_.outputs.intensity || errors.need_surfaces();
-  const float min_cosine = errors.max_incidence_deg < 90.0F ? std::cos(errors.max_incidence_deg * kRadPerDeg) : 0.0F;
+  const float max_incidence = errors.max_incidence_deg * (std::numbers::pi_v<float> / 180.0F);  // rad
+  const float min_cosine = errors.max_incidence_deg < 90.0F ? std::cos(max_incidence) : 0.0F;
   const ScanPath path = path_of(drone, state);
   const BeamPattern& beams = settings_.optics(drone).beams;
   alignas(64) trace::RayFloats cosines;
