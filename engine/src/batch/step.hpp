@@ -16,7 +16,7 @@ void step(Simulation& sim, Pilot* pilot = nullptr);
 // otherwise they start at their current poses.
 void begin_episodes(Simulation& sim, bool place);
 
-// What the sensors of drones measure, with a thread's working memory.
+// Returns the surroundings that sensors measure, with a thread's working memory.
 sensors::Surroundings surroundings_of(const Simulation& sim, Scratch& scratch);
 
 // Reads all sensors of the selected drones in the envs of Block::selected. This increments state.sensed of these envs.

@@ -74,7 +74,7 @@ class Lidar final : public SensorOf<LidarReadings> {
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
 
-  // What is traced for one drone; hits and edges are empty if not needed.
+  // The traced rays of one drone; hits and edges are empty if not needed.
   struct Scan {
     std::span<float> ranges;
     std::span<trace::RayHit> hits;

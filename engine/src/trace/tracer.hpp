@@ -66,7 +66,7 @@ struct RayTile {
   const TileAxis *u = nullptr, *v = nullptr;  // axes of y and z if x is 1; for trace() in tiles only
 };
 
-// What a ray of enqueue() has hit.
+// The hit of a ray of enqueue().
 struct RayHit {
   std::int32_t element;   // as in RayBundle; bodies have the numbers that their Bodies give them
   std::int32_t triangle;  // its number in the mesh of a body; meaningless for other hits

@@ -1,4 +1,4 @@
-"""What beams have hit: classes, objects and intensities, against a camera that looks along the same beams."""
+"""Classes, objects and intensities of hits, against a camera that looks along the same beams."""
 
 import math
 import pickle
