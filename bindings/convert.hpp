@@ -19,9 +19,9 @@
 #include <vector>
 
 #include "arrays.hpp"
+#include "base/excerpt.hpp"
 #include "base/nearest_name.hpp"
 #include "flockstep/fields.hpp"
-#include "flockstep/sensors/camera.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep::bindings {
@@ -51,11 +51,14 @@ const char* name_of(Enum value) {
   return EnumNames<Enum>::kNames[static_cast<std::size_t>(value)];
 }
 
-inline CameraOutputs outputs_of(const py::handle& names) {
-  CameraOutputs outputs{.rgb = false};
-  if (py::isinstance<py::str>(names)) {
-    const std::string name = py::repr(names);
-    throw py::type_error("outputs: expected a sequence of names, got " + name + ": write (" + name + ",)");
+template <SetOfNames Outputs>
+Outputs outputs_of(const py::handle& names) {
+  Outputs outputs;
+  for_each_field(outputs, [](const auto&, bool& chosen) { chosen = false; });
+  if (py::isinstance<py::str>(names) || !py::isinstance<py::iterable>(names)) {
+    const std::string got = py::repr(names);
+    const std::string hint = py::isinstance<py::str>(names) ? ": write (" + got + ",)" : "";
+    throw py::type_error("outputs: expected a sequence of names, got " + got + hint);
   }
   for (const py::handle name : names) {
     const auto text = py::str(name).cast<std::string>();
@@ -69,12 +72,14 @@ inline CameraOutputs outputs_of(const py::handle& names) {
       chosen = found = true;
     });
     if (!found)
-      throw py::value_error("outputs: expected names among " + expected + ", got \"" + text + '"' + did_you_mean(text, known));
+      throw py::value_error("outputs: expected names among " + expected + ", got " + quoted_excerpt(text) +
+                            did_you_mean(text, known));
   }
   return outputs;
 }
 
-inline py::tuple names_of(const CameraOutputs& outputs) {
+template <SetOfNames Outputs>
+py::tuple names_of(const Outputs& outputs) {
   py::list names;
   for_each_field(outputs, [&](const auto& field, bool chosen) {
     if (chosen) names.append(field.name);
@@ -86,7 +91,7 @@ template <class T>
 py::object to_python(const T& value) {
   if constexpr (std::is_enum_v<T>) {
     return py::str(name_of(value));
-  } else if constexpr (std::is_same_v<T, CameraOutputs>) {
+  } else if constexpr (SetOfNames<T>) {
     return names_of(value);
   } else {
     return py::cast(value);
@@ -156,7 +161,7 @@ std::string stub_type() {
     return "float";
   } else if constexpr (std::is_same_v<T, std::string>) {
     return "str";
-  } else if constexpr (std::is_same_v<T, CameraOutputs>) {
+  } else if constexpr (SetOfNames<T>) {
     return "Sequence[str]";
   } else {
     return py::str(py::type::of<T>().attr("__name__"));
@@ -217,8 +222,8 @@ T from_python(const py::handle& given, const std::string& field) {
   py::handle value = given;
   py::object world;
   if constexpr (std::is_same_v<T, std::shared_ptr<const World>>) value = world = mesh_world(given);
-  if constexpr (std::is_same_v<T, CameraOutputs>) {
-    return outputs_of(value);
+  if constexpr (SetOfNames<T>) {
+    return outputs_of<T>(value);
   } else if constexpr (SequenceOfConfigs<T>) {
     return configs_of<T>(value, field);
   } else if constexpr (std::is_enum_v<T>) {

@@ -1303,7 +1303,10 @@ class Camera:
 
 @final
 class Lidar:
-    """One LiDAR of every drone of a batch; `Batch.lidar` returns it. Views keep the batch alive."""
+    """One LiDAR of every drone of a batch; `Batch.lidar` returns it. Views keep the batch alive.
+
+    An output that the LiDAR does not write raises `ValueError`. Readings raise `RuntimeError` before the first scan.
+    """
 
     @property
     def config(self) -> LidarConfig:

@@ -30,9 +30,23 @@ struct LidarView {
   Shape shape() const { return {batch().config().num_drones(), config().rows(), config().columns()}; }
 };
 
+// Returns true for the name of an output. Throws ValueError if the sensor does not write it.
+template <class Config>
+bool is_output(const char* kind, const Config& config, std::string_view name) {
+  bool found = false;
+  for_each_field(config.outputs, [&](const auto& output, bool is_written) {
+    if (output.name != name) return;
+    found = true;
+    if (is_written) return;
+    throw py::value_error(std::string(kind) + " \"" + config.name + "\": expected \"" + output.name +
+                          "\" among its outputs, got " + std::string(py::repr(py::cast(config).attr("outputs"))));
+  });
+  return found;
+}
+
 Viewed<LidarReadings> readings_of(const py::object& self, const char* name) {
   const auto& lidar = self.cast<const LidarView&>();
-  if (name == std::string_view("ranges")) lidar.facet().require_scan();
+  if (is_output("lidar", lidar.config(), name) || name == std::string_view("ranges")) lidar.facet().require_scan();
   return {lidar.facet().readings(), memory_of(lidar.owner), items_of(lidar.config())};
 }
 
@@ -59,11 +73,7 @@ struct CameraView {
 Viewed<CameraImages> images_of(const py::object& self, const char* name) {
   const auto& camera = self.cast<const CameraView&>();
   const CameraConfig& config = camera.config();
-  for_each_field(config.outputs, [&](const auto& output, bool is_written) {
-    if (is_written || std::string_view(output.name) != name) return;
-    throw py::value_error("camera \"" + config.name + "\": expected \"" + name + "\" among its outputs, got " +
-                          std::string(py::repr(py::cast(config).attr("outputs"))));
-  });
+  is_output("camera", config, name);
   return {camera.facet().images(), memory_of(camera.owner), items_of(config)};
 }
 

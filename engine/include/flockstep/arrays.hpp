@@ -185,6 +185,7 @@ void for_each_view(const T& arrays, const ItemShape& items, const F& f) {
 
 // Throws std::invalid_argument, naming the array, if a value is not among the allowed ones.
 FLOCKSTEP_API void check_values(std::span<const std::uint8_t> values, const char* name, Values allowed);
+FLOCKSTEP_API void check_values(std::span<const std::uint16_t> values, const char* name, Values allowed);
 FLOCKSTEP_API void check_values(std::span<const std::int32_t> values, const char* name, Values allowed);
 FLOCKSTEP_API void check_values(std::span<const std::int64_t> values, const char* name, Values allowed);
 FLOCKSTEP_API void check_values(std::span<const std::uint64_t> values, const char* name, Values allowed);

@@ -145,6 +145,20 @@ consteval bool lists_every_field() {
 template <HasFields T>
 inline constexpr auto kFields = T::fields();
 
+namespace detail {
+
+template <HasFields T>
+consteval bool are_all_bools() {
+  return kFields<T>.apply(
+      []<class... Values>(const FieldPointer<T, Values>&...) { return (std::is_same_v<Values, bool> && ...); });
+}
+
+}  // namespace detail
+
+// A struct of bools, such as CameraOutputs. In Python and JSON it is a list of the names of the true ones.
+template <class T>
+concept SetOfNames = HasFields<T> && detail::are_all_bools<T>();
+
 // Calls f(field, value) for each field in order; `object` may be const.
 template <class T, class F>
 constexpr void for_each_field(T& object, F&& f) {

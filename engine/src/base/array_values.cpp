@@ -71,6 +71,7 @@ void check(std::span<const T> values, const char* name, Values allowed) {
 }  // namespace
 
 void check_values(std::span<const std::uint8_t> values, const char* name, Values allowed) { check(values, name, allowed); }
+void check_values(std::span<const std::uint16_t> values, const char* name, Values allowed) { check(values, name, allowed); }
 void check_values(std::span<const std::int32_t> values, const char* name, Values allowed) { check(values, name, allowed); }
 void check_values(std::span<const std::int64_t> values, const char* name, Values allowed) { check(values, name, allowed); }
 void check_values(std::span<const std::uint64_t> values, const char* name, Values allowed) { check(values, name, allowed); }

@@ -47,13 +47,6 @@ using Members = std::vector<Member>;
 template <class Config>
 const Members& members_of();
 
-// Returns true for a struct of bools.
-template <class Config>
-consteval bool are_all_bools() {
-  return kFields<Config>.apply(
-      []<class... Values>(const FieldPointer<Config, Values>&...) { return (std::is_same_v<Values, bool> && ...); });
-}
-
 // -- Writing
 
 inline OrderedJson written(bool value, const std::string&) { return value; }
@@ -82,7 +75,7 @@ OrderedJson written(Enum value, const std::string&) {
 }
 template <HasFields Config>
 OrderedJson written(const Config& config, const std::string& path) {
-  if constexpr (are_all_bools<Config>()) return written_flags(members_of<Config>(), &config);
+  if constexpr (SetOfNames<Config>) return written_flags(members_of<Config>(), &config);
   return written_object(members_of<Config>(), &config, path);
 }
 template <class Value>
@@ -134,7 +127,7 @@ void read_value(const JsonField& field, const FieldInfo&, Enum& value) {
 }
 template <HasFields Config>
 void read_value(const JsonField& field, const FieldInfo&, Config& config) {
-  if constexpr (are_all_bools<Config>()) {
+  if constexpr (SetOfNames<Config>) {
     read_flags(field, members_of<Config>(), &config);
   } else {
     read_object(field, members_of<Config>(), &config);

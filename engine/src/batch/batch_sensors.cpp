@@ -17,6 +17,7 @@
 #include "batch/growth.hpp"
 #include "batch/selected.hpp"
 #include "batch/simulation.hpp"
+#include "batch/step.hpp"
 #include "flockstep/batch.hpp"
 #include "flockstep/batch_lock.hpp"
 #include "render/move_line.hpp"
@@ -53,13 +54,8 @@ const sensors::Lidar& lidar_of(const Simulation& sim, std::size_t lidar) {
 }
 
 // Scans from the drone's pose, between steps.
-void scan_now(const Simulation& sim, const sensors::Lidar& lidar, DroneIndex drone, std::span<float> out) {
-  trace::Tracer& tracer = sim.scratches[0]->tracer;
-  const EnvIndex env = sim.env_of(drone);
-  const trace::Bodies bodies = sim.bodies ? sim.bodies->shapes().of_env(env, sim.bodies->per_env()) : trace::Bodies();
-  lidar.scan(*sim.scenes[sim.slot_of(env)], bodies, sim.hulls().seen_by(drone, sim.drones_per_env()), pose_of(sim.state, drone),
-             drone, out.data(), tracer);
-  tracer.finish();
+void scan_now(const Simulation& sim, const sensors::Lidar& lidar, DroneIndex drone, bool has_errors, std::span<float> out) {
+  lidar.scan(drone, surroundings_of(sim, *sim.scratches[0]), has_errors, out);
 }
 
 // Returns the lines of the beams of all LiDARs of a drone, scanned now. A beam without a hit is as long as the range.
@@ -70,7 +66,7 @@ std::vector<Vec3> beams_of(const Simulation& sim, DroneIndex drone) {
     const LidarConfig config = lidar->config_of(drone);
     const Vec3 origin = pose.position + pose.rotation * Vec3::Map(config.offset_m.data());
     std::vector<float> ranges(lidar->rays_per_drone()), directions(3 * ranges.size());
-    scan_now(sim, *lidar, drone, ranges);
+    scan_now(sim, *lidar, drone, false, ranges);
     lidar->write_directions(drone, directions);
     for (std::size_t ray = 0; ray < ranges.size(); ++ray) {
       const float length = std::min(ranges[ray], config.max_range_m);
@@ -175,8 +171,7 @@ void Batch::Lidar::scan(DroneIndex drone, std::span<float> out) const {
   const sensors::Lidar& found = lidar_of(*batch_->sim_, index_);
   checks::index(*batch_->sim_, drone);
   checks::size(out.size(), found.rays_per_drone(), "out");
-  scan_now(*batch_->sim_, found, drone, out);
-  found.add_errors(drone, batch_->sim_->state, out);
+  scan_now(*batch_->sim_, found, drone, true, out);
 }
 
 void Batch::Lidar::points(std::span<float> out) const {

@@ -21,6 +21,21 @@ void size(std::size_t size, std::size_t expected, std::string_view field) {
   require(size == expected, field, std::to_string(expected) + " numbers", size);
 }
 
+void instances_of_world(const World& world, const BatchConfig& config) {
+  const auto& objects = world.triangles().objects;
+  const std::size_t meshes = objects.empty() ? 0 : std::size_t{1} + *std::max_element(objects.begin(), objects.end());
+  const Markers& markers = world.markers();
+  const std::size_t places = markers.waypoints.size() + (markers.start ? 1 : 0) + (markers.goal ? 1 : 0);
+  const std::size_t instances = world.primitives().size() + meshes + places;
+  const auto check = [&](const auto& sensors, const char* field) {
+    if (std::ranges::none_of(sensors, [](const auto& sensor) { return sensor.outputs.instance; })) return;
+    require(instances <= 65535, field, "worlds of at most 65535 primitives, meshes and markers",
+            std::to_string(instances) + " in " + world.name());
+  };
+  check(config.cameras, "camera.outputs.instance");
+  check(config.lidars, "lidar.outputs.instance");
+}
+
 void bodies_of_world(const World& world, const BatchConfig& config, std::size_t slots, float hull_radius) {
   for (const BodyConfig& body : world.bodies()) body_within_ticks(body, config.clock, hull_radius);
   const std::size_t of_world = world.bodies().size(), needed = of_world + config.bodies.size();

@@ -25,6 +25,9 @@ void memory(double bytes, std::string_view field = "num_drones");
 // Checks that the camera backend can draw this light, which is valid.
 void drawable(const BatchConfig& config, const Light& light);
 
+// Checks that the instance ids of a world, which have 16 bits, are enough for the sensors that write them.
+void instances_of_world(const World& world, const BatchConfig& config);
+
 // Checks that the bodies of a world and of the configuration fit into the slots of an env, and body_within_ticks().
 void bodies_of_world(const World& world, const BatchConfig& config, std::size_t slots, float hull_radius);
 // Checks that contacts see the whole motion of a body with this script. hull_radius: m, of the drones.

@@ -23,6 +23,10 @@ namespace {
 int bytes_of_pixel(const CameraOutputs& o) {
   return 3 * o.rgb + 4 * o.depth + 2 * o.semantic + 2 * o.instance + 12 * o.normal + 1 * o.grey + 3 * o.hsv;
 }
+int bytes_of_beam(const LidarOutputs& o) { return 4 + 2 * o.semantic + 2 * o.instance + 4 * o.intensity; }
+double bytes_of_scan(const LidarConfig& lidar) {
+  return static_cast<double>(bytes_of_beam(lidar.outputs)) * lidar.rows() * lidar.columns();
+}
 // All written images of a camera, together.
 double bytes_of_image(const CameraConfig& camera) {
   return static_cast<double>(bytes_of_pixel(camera.outputs)) * camera.image_width_px() * camera.image_height_px();
@@ -31,7 +35,11 @@ double bytes_of_image(const CameraConfig& camera) {
 // Checks that the arrays of the sensors fit into memory, first without the readings that are under way.
 void check_memory_of_sensors(const BatchConfig& config) {
   double bytes = 0.0;  // for one drone
-  for (const LidarConfig& lidar : config.lidars) bytes += 4.0 * lidar.rows() * lidar.columns();
+  for (const LidarConfig& lidar : config.lidars) {
+    bytes += bytes_of_scan(lidar);
+    const int more = 8 * lidar.needs_hits() + 4 * (lidar.errors.divergence_mrad > 0.0F);  // bytes of a beam: Lidar's own arrays
+    bytes += static_cast<double>(more) * lidar.rows() * lidar.columns();
+  }
   for (const CameraConfig& camera : config.cameras) {
     const CameraOutputs& o = camera.outputs;
     const int of_pixel = bytes_of_pixel(o);
@@ -43,7 +51,7 @@ void check_memory_of_sensors(const BatchConfig& config) {
   for (const LidarConfig& lidar : config.lidars) {
     const std::int64_t period = sensors::period_in_ticks(lidar.rate_hz, config.clock, "lidar.rate_hz");
     const auto scans = static_cast<double>(sensors::ring_size(lidar, period, config.clock));
-    bytes += 4.0 * scans * lidar.rows() * lidar.columns();
+    bytes += scans * bytes_of_scan(lidar);
     checks::memory(bytes * config.num_drones(), "lidar.latency_s, lidar.jitter_s");
   }
   for (const CameraConfig& camera : config.cameras) {
@@ -86,6 +94,7 @@ Batch::Worlds validated(Batch::Worlds worlds, const BatchConfig& config) {
   for (const auto& world : worlds) {
     require(world != nullptr, "worlds", "worlds", "a null pointer");
     checks::drawable(config, world->light());
+    checks::instances_of_world(*world, config);
   }
   return worlds;
 }

@@ -97,7 +97,7 @@ void require_world_of_pool(const Simulation& sim, std::int32_t number, const Wor
   try {
     if (world == nullptr) refuse("worlds", "worlds", "a null pointer");
     checks::bodies_of_world(*world, sim.config, sim.bodies ? sim.bodies->per_env() : 0, sim.hull.radius());
-    sim.cameras.require_world(*world);
+    checks::instances_of_world(*world, sim.config);
     if (sim.task_state) sim.task_state->task->require_world(*world, sim.drone_model);
   } catch (const std::invalid_argument& error) {
     throw std::invalid_argument("world " + std::to_string(number) + " of the pool: " + error.what());

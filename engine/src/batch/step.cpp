@@ -13,7 +13,6 @@
 #include "batch/flying.hpp"
 #include "batch/selected.hpp"
 #include "dynamics/setpoint.hpp"
-#include "sensors/sensor.hpp"
 
 namespace flockstep {
 namespace {
@@ -21,18 +20,6 @@ namespace {
 using List = EnvList Block::*;
 
 // ------------------------------------------------------------------------------------------------------------------ stages
-
-sensors::Surroundings surroundings_of(Simulation& sim, Scratch& scratch) {
-  return {.state = sim.state,
-          .scenes = sim.scenes,
-          .slots = sim.slots(),
-          .drones_per_env = sim.drones_per_env(),
-          .tracer = scratch.tracer,
-          .slices = scratch.slices,
-          .bodies = sim.bodies ? sim.bodies->shapes() : trace::Bodies(),
-          .bodies_per_env = sim.bodies ? sim.bodies->per_env() : 0,
-          .drones = sim.hulls()};
-}
 
 // Reads every kind of sensor except the cameras, which render for all blocks at once.
 void read_all(Simulation& sim, std::span<const DroneIndex> drones, Scratch& scratch) {
@@ -445,6 +432,18 @@ void begin_episodes(Simulation& sim, bool place) {
   executor.each(check_first_observations);
   executor.each(show<&Block::resetting>);
   if (sim.pool) look_ahead(sim);
+}
+
+sensors::Surroundings surroundings_of(const Simulation& sim, Scratch& scratch) {
+  return {.state = sim.state,
+          .scenes = sim.scenes,
+          .slots = sim.slots(),
+          .drones_per_env = sim.drones_per_env(),
+          .tracer = scratch.tracer,
+          .slices = scratch.slices,
+          .bodies = sim.bodies ? sim.bodies->visible() : render::VisibleBodies(),
+          .bodies_per_env = sim.bodies ? sim.bodies->per_env() : 0,
+          .drones = sim.hulls()};
 }
 
 void read_sensors(Simulation& sim, DroneMask mask) {

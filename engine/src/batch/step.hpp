@@ -5,6 +5,7 @@
 #include <span>
 
 #include "batch/simulation.hpp"
+#include "sensors/sensor.hpp"
 
 namespace flockstep {
 
@@ -14,6 +15,9 @@ void step(Simulation& sim, Pilot* pilot = nullptr);
 // Begins the episodes that have been opened in the envs of Block::resetting. place: true if the task places the drones;
 // otherwise they start at their current poses.
 void begin_episodes(Simulation& sim, bool place);
+
+// Returns the surroundings that sensors measure, with a thread's working memory.
+sensors::Surroundings surroundings_of(const Simulation& sim, Scratch& scratch);
 
 // Reads all sensors of the selected drones in the envs of Block::selected. This increments state.sensed of these envs.
 void read_sensors(Simulation& sim, DroneMask mask);

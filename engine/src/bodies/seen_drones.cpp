@@ -21,7 +21,7 @@ std::shared_ptr<const World> mesh_of_hull(const DroneModel& model) {
     for (std::size_t i = 2; i < face.corners.size(); ++i) part.triangles.push_back({corner(0), corner(i - 1), corner(i)});
   }
   WorldBuilder builder("hull");
-  builder.mesh(part, builder.material({.name = "grey", .base_color = {0.4F, 0.4F, 0.4F}}));
+  builder.mesh(part, builder.material({.name = "grey", .base_color = render::kHullColor}));
   return builder.build();
 }
 

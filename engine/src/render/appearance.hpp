@@ -29,6 +29,9 @@ inline constexpr std::array<float, 3> kStartColor{0.8F, 0.03F, 0.02F};
 inline constexpr std::array<float, 3> kWaypointColor{0.85F, 0.6F, 0.02F};
 inline constexpr std::array<float, 3> kGoalColor{0.02F, 0.6F, 0.05F};
 
+// Colour of the hull of a drone without a mesh, linear RGB.
+inline constexpr std::array<float, 3> kHullColor{0.4F, 0.4F, 0.4F};
+
 // A marker as cameras render it: a sphere of radius Markers::radius.
 struct MarkerSphere {
   Vec3 center;  // m, world frame

@@ -33,19 +33,19 @@ Eigen::Vector3d beam_direction(const LidarConfig& config, std::size_t channel, s
     elevation_deg = config.elevation_deg[beam];
   } else {
     azimuth_deg = spread_deg(static_cast<int>(beam), config.beams, config.hfov_deg);
-    elevation_deg = spread_deg(static_cast<int>(channel), config.channels, config.vfov_deg);
+    elevation_deg =
+        static_cast<double>(config.vfov_center_deg) + spread_deg(static_cast<int>(channel), config.channels, config.vfov_deg);
   }
   const double azimuth = azimuth_deg * kRadPerDeg;
   const double elevation = elevation_deg * kRadPerDeg;
   return {std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth), std::sin(elevation)};
 }
 
-// Calls f(out index, tile index) for each beam of the tile.
-template <class F>
-void for_each_beam(const BeamPattern& pattern, const BeamTile& tile, const F& f) {
-  for (std::size_t i = 0; i < tile.rows * tile.width; ++i) {
-    f((tile.channel + i / tile.width) * pattern.columns + tile.beam + i % tile.width, tile.first + i);
-  }
+// Returns a direction at an angle from a beam. The golden angle turns the side from beam to beam.
+Eigen::Vector3d beside(const Eigen::Vector3d& beam, double angle_rad, std::size_t number) {
+  const double turn = std::numbers::pi * (3.0 - std::sqrt(5.0)) * static_cast<double>(number);
+  const Eigen::Vector3d u = beam.unitOrthogonal();
+  return std::cos(angle_rad) * beam + std::sin(angle_rad) * (std::cos(turn) * u + std::sin(turn) * beam.cross(u));
 }
 
 // Adds a view for the pattern's last tile if the tile has enough beams and they lie within a narrow cone.
@@ -94,9 +94,10 @@ class PatternMaker {
  public:
   static constexpr int kMinChannels = 4;  // for tiles with views; others keep their fans
 
-  PatternMaker(const LidarConfig& config, const trace::TracePolicy& policy)
+  PatternMaker(const LidarConfig& config, const trace::TracePolicy& policy, double beside_rad = 0.0)
       : policy_(policy),
         range_m_(config.max_range_m),
+        is_rolling_(config.scan_time_s > 0.0F),
         channels_(static_cast<std::size_t>(config.rows())),
         columns_(static_cast<std::size_t>(config.columns())) {
     const auto& q = config.quat_wxyz;
@@ -104,6 +105,8 @@ class PatternMaker {
     for (std::size_t channel = 0; channel < channels_; ++channel) {
       for (std::size_t beam = 0; beam < columns_; ++beam) directions_.push_back(beam_direction(config, channel, beam));
     }
+    for (std::size_t i = 0; beside_rad > 0.0 && i < directions_.size(); ++i)
+      directions_[i] = beside(directions_[i], beside_rad, i);
   }
 
   bool has_fans() const {
@@ -144,7 +147,7 @@ class PatternMaker {
 
   // Returns true if the policy traces these rays as a fan.
   bool is_fan(std::span<const Eigen::Vector3d> rays) const {
-    if (rays.size() < policy_.min_rays_in_slice || !trace::are_in_plane(rays)) return false;
+    if (is_rolling_ || rays.size() < policy_.min_rays_in_slice || !trace::are_in_plane(rays)) return false;
     const trace::Fan first = trace::make_fan(rays.first(std::min(rays.size(), trace::kMaxRays)), mounting_);
     return range_m_ * first.between_rad <= policy_.widest_in_slice;
   }
@@ -164,7 +167,7 @@ class PatternMaker {
   // Adds tiles for the channels from begin to end.
   void add_grid(std::size_t begin, std::size_t end) {
     const std::size_t height = std::min(end - begin, trace::kMaxRays / kTileWidth);
-    const std::size_t width = channels_ == 1 && columns_ <= kFan ? columns_ : kTileWidth;
+    const std::size_t width = is_rolling_ ? 1 : channels_ == 1 && columns_ <= kFan ? columns_ : kTileWidth;
     for (std::size_t channel = begin; channel < end; channel += height) {
       for (std::size_t beam = 0; beam < columns_; beam += width) {
         add_tile(channel, std::min(height, end - channel), beam, std::min(width, columns_ - beam));
@@ -188,6 +191,7 @@ class PatternMaker {
 
   const trace::TracePolicy policy_;
   const float range_m_;
+  const bool is_rolling_;  // the beams of a column are in tiles of their own
   const std::size_t channels_, columns_;
   Eigen::Matrix3d mounting_;
   std::vector<Eigen::Vector3d> directions_;  // by channel and beam, before the mounting rotation
@@ -196,8 +200,8 @@ class PatternMaker {
 
 }  // namespace
 
-BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& policy) {
-  return PatternMaker(config, policy).make();
+BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& policy, double beside_rad) {
+  return PatternMaker(config, policy, beside_rad).make();
 }
 
 bool has_fans(const LidarConfig& config, TracerKind tracer) {
@@ -207,13 +211,13 @@ bool has_fans(const LidarConfig& config, TracerKind tracer) {
 }
 
 void write_directions(const BeamPattern& pattern, float* out) {
-  for (const BeamTile& tile : pattern.tiles) {
-    for_each_beam(pattern, tile, [&](std::size_t to, std::size_t from) {
-      out[3 * to] = pattern.x[from];
-      out[3 * to + 1] = pattern.y[from];
-      out[3 * to + 2] = pattern.z[from];
-    });
-  }
+  for_each_row(pattern, [&](std::size_t from, std::size_t to, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) {
+      out[3 * (to + i)] = pattern.x[from + i];
+      out[3 * (to + i) + 1] = pattern.y[from + i];
+      out[3 * (to + i) + 2] = pattern.z[from + i];
+    }
+  });
 }
 
 }  // namespace flockstep::sensors

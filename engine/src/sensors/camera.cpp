@@ -76,20 +76,10 @@ CameraConfig rendering_of(CameraConfig config) {
   return config;
 }
 
-// Calls f(entry, image) for each image of the outputs.
-template <class F>
-void for_each_image(CameraImages& images, const CameraOutputs& outputs, const F& f) {
-  for_each_listed(images, [&](const auto& entry, auto& image) {
-    for_each_field(outputs, [&](const auto& output, bool is_written) {
-      if (is_written && std::string_view(output.name) == entry.name) f(entry, image);
-    });
-  });
-}
-
 // Allocates the images of the outputs, filled with absent values.
 void allocate_images(CameraImages& images, const CameraOutputs& outputs, std::size_t num_drones, std::size_t pixels) {
   const ArraySizes sizes{.num_drones = num_drones, .num_pixels = pixels};
-  for_each_image(images, outputs, [&](const auto& entry, auto& image) { flockstep::allocate(entry, image, sizes); });
+  for_each_output(images, outputs, [&](const auto& entry, auto& image) { flockstep::allocate(entry, image, sizes); });
 }
 
 }  // namespace
@@ -147,7 +137,7 @@ void Camera::change(const CameraChange& change, std::span<const DroneIndex> dron
 }
 
 void Camera::clear(DroneIndex drone) {
-  for_each_image(images_, config_.outputs, [&]<class Image>(const auto& entry, Image& image) {
+  for_each_output(images_, config_.outputs, [&]<class Image>(const auto& entry, Image& image) {
     const std::size_t width = ArraySizes{.num_pixels = pixels_}.width(entry.info);
     std::fill_n(image.data() + drone * width, width, absent_value<typename Image::value_type>(entry.info));
   });
@@ -280,7 +270,7 @@ void Camera::visit(ArrayVisitor& visitor) {
 }
 
 void Camera::visit_images(ArrayVisitor& visitor) {
-  for_each_image(images_, config_.outputs, [&](const auto& entry, auto& image) { visitor.array(entry.name, image); });
+  for_each_output(images_, config_.outputs, [&](const auto& entry, auto& image) { visitor.array(entry.name, image); });
 }
 
 void Camera::restored() {

@@ -9,20 +9,6 @@
 #include "render/jpeg.hpp"
 
 namespace flockstep::sensors {
-namespace {
-
-// Instance ids have 16 bits.
-void require_instances(const World& world) {
-  const auto& objects = world.triangles().objects;
-  const std::size_t meshes = objects.empty() ? 0 : std::size_t{1} + *std::max_element(objects.begin(), objects.end());
-  const Markers& markers = world.markers();
-  const std::size_t places = markers.waypoints.size() + (markers.start ? 1 : 0) + (markers.goal ? 1 : 0);
-  const std::size_t instances = world.primitives().size() + meshes + places;
-  require(instances <= 65535, "camera.outputs.instance", "worlds of at most 65535 primitives, meshes and markers",
-          std::to_string(instances) + " in " + world.name());
-}
-
-}  // namespace
 
 CameraRig::CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig& clock, std::span<const World* const> worlds,
                      const std::vector<std::int32_t>& slots, EnvLights& lights, const State& state, std::size_t drones_per_env,
@@ -47,15 +33,6 @@ CameraRig::CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig
   conversions_.reserve(num_drones * static_cast<std::size_t>(converting));
   const auto late = std::ranges::count_if(cameras_, [](const auto& camera) { return camera->is_late(); });
   late_.reserve(num_drones * static_cast<std::size_t>(late));
-  for (const World* const world : worlds_) {
-    if (world != nullptr) require_world(*world);
-  }
-}
-
-void CameraRig::require_world(const World& world) const {
-  for (const auto& camera : cameras_) {
-    if (camera->config().outputs.instance) return require_instances(world);
-  }
 }
 
 void CameraRig::prepare(Workers& workers) {

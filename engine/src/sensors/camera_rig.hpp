@@ -39,9 +39,6 @@ class CameraRig {
     for (const auto& camera : cameras_) camera->set_drones(drones);
   }
 
-  // Throws std::invalid_argument if a camera cannot show the world.
-  void require_world(const World& world) const;
-
   void start_backend(CameraBackend backend, Workers& workers);  // call it after all drones have been placed
   // Instead: prepare(), then take the renderer of a rig that this one replaces.
   void prepare(Workers& workers);

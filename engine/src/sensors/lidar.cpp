@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <numbers>
 #include <span>
 #include <string>
 #include <string_view>
@@ -34,7 +35,10 @@ void LidarConfig::validate() const {
     require(channels == grid.channels, "lidar.channels", unset, channels);
     require(hfov_deg == grid.hfov_deg, "lidar.hfov_deg", unset, hfov_deg);
     require(vfov_deg == grid.vfov_deg, "lidar.vfov_deg", unset, vfov_deg);
+    require(vfov_center_deg == grid.vfov_center_deg, "lidar.vfov_center_deg", unset, vfov_center_deg);
   }
+  require(channels == 1 || std::abs(vfov_center_deg) + 0.5F * vfov_deg <= 90.0F, "lidar.vfov_center_deg",
+          "at most 90 - vfov_deg / 2 from 0", vfov_center_deg);
   require(errors.resolution_m <= max_range_m, "lidar.errors.resolution_m", "at most lidar.max_range_m", errors.resolution_m);
   require(errors.min_range_m < max_range_m, "lidar.errors.min_range_m", "less than lidar.max_range_m", errors.min_range_m);
   const long long rays = static_cast<long long>(rows()) * columns();
@@ -42,14 +46,17 @@ void LidarConfig::validate() const {
 }
 
 LidarConfig LidarConfig::preset(std::string_view product) {
-  // The Mid-360 scans a rosette. The grid of as many beams has its field of view, which is not centred.
-  constexpr int kChannels = 40, kBeams = 500;
-  LidarConfig mid360{.name = "mid-360", .max_range_m = 40.0F};
-  for (int i = 0; i < kChannels * kBeams; ++i) {
-    mid360.azimuth_deg.push_back(-180.0F + 360.0F * static_cast<float>(i % kBeams) / kBeams);
-    mid360.elevation_deg.push_back(-7.0F + 59.0F * static_cast<float>(i / kBeams) / (kChannels - 1));
-  }
-  mid360.errors = {.noise_std_m = 0.02F, .resolution_m = 0.001F, .min_range_m = 0.1F};
+  const LidarConfig vl53l1x{.name = "vl53l1x",
+                            .beams = 1,
+                            .max_range_m = 4.0F,
+                            .errors = {.noise_std_m = 0.02F, .resolution_m = 0.001F, .min_range_m = 0.04F}};
+  const auto turned = [&](const char* name, const std::array<float, 4>& quat_wxyz) {
+    LidarConfig lidar = vl53l1x;
+    lidar.name = name;
+    lidar.quat_wxyz = quat_wxyz;
+    return lidar;
+  };
+  constexpr auto kHalf = static_cast<float>(std::numbers::sqrt2 / 2.0);
   constexpr float kZones = 45.0F * 7 / 8;  // deg, between the centres of the outer ones of eight zones in 45 degrees
   const std::array presets{
       LidarConfig{
@@ -68,15 +75,23 @@ LidarConfig LidarConfig::preset(std::string_view product) {
                   .vfov_deg = 30.0F,
                   .max_range_m = 100.0F,
                   .errors = {.noise_std_m = 0.03F, .resolution_m = 0.002F, .min_range_m = 0.4F}},
-      mid360,
+      // It scans a rosette. This is the grid of as many beams with its field of view.
+      LidarConfig{.name = "mid-360",
+                  .channels = 40,
+                  .beams = 500,
+                  .hfov_deg = 360.0F,
+                  .vfov_deg = 59.0F,
+                  .vfov_center_deg = 22.5F,
+                  .max_range_m = 40.0F,
+                  .errors = {.noise_std_m = 0.02F, .resolution_m = 0.001F, .min_range_m = 0.1F}},
       LidarConfig{.name = "tfmini",
                   .beams = 1,
                   .max_range_m = 12.0F,
                   .errors = {.noise_std_m = 0.06F, .noise_per_m = 0.005F, .resolution_m = 0.005F, .min_range_m = 0.3F}},
-      LidarConfig{.name = "vl53l1x",
-                  .beams = 1,
-                  .max_range_m = 4.0F,
-                  .errors = {.noise_std_m = 0.02F, .resolution_m = 0.001F, .min_range_m = 0.04F}},
+      vl53l1x,
+      turned("multi-ranger-front", {1, 0, 0, 0}),
+      turned("multi-ranger-up", {kHalf, 0, -kHalf, 0}),
+      turned("flow-deck", {kHalf, 0, kHalf, 0}),
       LidarConfig{.name = "vl53l5cx",
                   .channels = 8,
                   .beams = 8,
@@ -115,6 +130,21 @@ std::size_t rays_of(const LidarConfig& config) {
   return static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns());
 }
 
+BeamTargets targets_of(DroneIndex drone, const Surroundings& surroundings) {
+  return {surroundings.scene_of(drone), surroundings.bodies_of(drone), surroundings.drones_seen_by(drone)};
+}
+
+// The LiDAR equation of a surface that scatters light evenly (Lambert), in the units of LidarReadings. Directions are rounded.
+float intensity_of(float reflectance, float cosine, float range_m) {
+  const float distance = std::max(range_m, 1.0F);
+  return std::min(reflectance * cosine / (distance * distance), 1.0F);
+}
+
+BeamOptics optics_of(const LidarConfig& config, const trace::TracePolicy& policy) {
+  const double half_width_rad = 0.0005 * static_cast<double>(config.errors.divergence_mrad);
+  return {make_pattern(config, policy), half_width_rad > 0.0 ? make_pattern(config, policy, half_width_rad) : BeamPattern()};
+}
+
 // Without fans, no change of the beams makes any: worlds may lack the tree that slices need.
 trace::TracePolicy policy_of(const LidarConfig& config, TracerKind tracer) {
   trace::TracePolicy policy = trace::trace_policy_of(tracer, rays_of(config));
@@ -131,8 +161,12 @@ Lidar::Lidar(const LidarConfig& config, const SensorSetup& setup)
       policy_(policy_of(config, setup.tracer)),
       rays_(rays_of(config)),
       number_(setup.number),
-      settings_(config, setup.num_drones, true, [policy = policy_](const LidarConfig& of) { return make_pattern(of, policy); }) {
+      settings_(config, setup.num_drones, true, [policy = policy_](const LidarConfig& of) { return optics_of(of, policy); }),
+      scan_ticks_(static_cast<float>(static_cast<double>(config.scan_time_s) / setup.clock.dt_s())),
+      motion_(config.scan_time_s > 0.0F ? setup.num_drones : 0) {
   std::ranges::fill(readings_.published().max_range_m, config.max_range_m);
+  if (config.needs_hits()) hits_.resize(setup.num_drones * rays_);
+  if (config.errors.divergence_mrad > 0.0F) edges_.resize(setup.num_drones * rays_);
 }
 
 std::unique_ptr<BlockSensor> make_sensor(const LidarConfig& config, const SensorSetup& setup) {
@@ -160,13 +194,21 @@ void Lidar::set_config(DroneIndex drone, const LidarConfig& config) {
   readings_.published().max_range_m[drone] = settings_[drone].max_range_m;
 }
 
+void Lidar::begin(DroneIndex drone, const State& state) {
+  SensorOf::begin(drone, state);
+  if (is_rolling()) motion_.forget(drone);
+}
+
 void Lidar::clear(DroneIndex drone) {
   SensorOf::clear(drone);
+  if (is_rolling()) motion_.forget(drone);
   std::fill_n(readings_.published().ranges.data() + drone * rays_, rays_, kInfinity);
+  for_each_output(readings_.published(), config_.outputs,
+                  [&](const auto&, auto& values) { std::fill_n(values.data() + drone * rays_, rays_, 0); });
 }
 
 void Lidar::write_directions(DroneIndex drone, std::span<float> out) const {
-  sensors::write_directions(settings_.optics(drone), out.data());
+  sensors::write_directions(settings_.optics(drone).beams, out.data());
 }
 
 void Lidar::write_directions(std::span<float> out) const {
@@ -192,6 +234,9 @@ void Lidar::write_points(const State& state, std::span<float> out) const {
 void Lidar::visit(ArrayVisitor& visitor) {
   visitor.array("ranges", readings_.published().ranges);
   if (has_age()) visitor.array("ranges_age_s", readings_.published().age_s);
+  for_each_output(readings_.published(), config_.outputs,
+                  [&](const auto& entry, auto& values) { visitor.array(entry.name, values); });
+  if (is_rolling()) motion_.visit(visitor);
   visit_delay(visitor);
   settings_.visit(label(), visitor);
 }
@@ -207,60 +252,156 @@ void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surr
   bool has_slices = false;  // this env's drones are in slices
   for (std::size_t i = 0; i < drones.size(); ++i) {
     const DroneIndex drone = drones[i];
-    const trace::Scene& scene = surroundings.scene_of(drone);
-    trace::Bodies others = surroundings.drones_seen_by(drone);
-    if (others.count >= kManyDrones) {
+    BeamTargets targets = targets_of(drone, surroundings);
+    if (targets.drones.count >= kManyDrones) {
       if (i == 0 || surroundings.env_of(drones[i - 1]) != surroundings.env_of(drone)) {
-        has_slices = kDronesPerScan * count_of_env(drones.subspan(i), surroundings) >= others.count;
-        if (has_slices) surroundings.slices.sort(others.balls());
+        has_slices = kDronesPerScan * count_of_env(drones.subspan(i), surroundings) >= targets.drones.count;
+        if (has_slices) surroundings.slices.sort(targets.drones.balls());
       }
-      if (has_slices) others.slices = &surroundings.slices;
+      if (has_slices) targets.drones.slices = &surroundings.slices;
     }
     if (i + 2 < drones.size()) {
-      if (const trace::Scene& next = surroundings.scene_of(drones[i + 2]); &next != &scene) next.prefetch_parts();
+      if (const trace::Scene& next = surroundings.scene_of(drones[i + 2]); &next != &targets.scene) next.prefetch_parts();
     }
-    if (surroundings.bodies_per_env > 0 && i + 1 < drones.size()) surroundings.bodies_of(drones[i + 1]).prefetch_balls();
-    scan(scene, surroundings.bodies_of(drone), others, pose_of(surroundings.state, drone), drone,
-         readings_.truth().ranges.data() + drone * rays_, surroundings.tracer);
+    if (surroundings.bodies_per_env > 0 && i + 1 < drones.size()) surroundings.bodies_of(drones[i + 1]).shapes.prefetch_balls();
+    trace_beams(targets, drone, surroundings.state, scan_of(drone), surroundings.tracer);
   }
   surroundings.tracer.finish();
+  if (hits_.empty() && !is_rolling()) return;
+  const State& state = surroundings.state;
+  for (const DroneIndex drone : drones) {
+    if (!hits_.empty()) look_at(targets_of(drone, surroundings), drone, state, scan_of(drone), &readings_.truth());
+    if (is_rolling()) motion_.add(drone, pose_of(state, drone), tick_of(drone, state));
+  }
 }
 
+// The last column is traced at the reading.
+Pose Lidar::pose_at(const ScanPath& path, std::size_t column) const {
+  const auto columns = static_cast<float>(config_.columns());
+  return path.before(scan_ticks_ * (1.0F - static_cast<float>(column + 1) / columns));
+}
+
+void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_errors, std::span<float> ranges) const {
+  const BeamTargets targets = targets_of(drone, surroundings);
+  std::vector<trace::RayHit> hits(has_errors && config_.errors.need_surfaces() ? rays_ : 0);
+  std::vector<float> edges(has_errors && !edges_.empty() ? rays_ : 0);
+  const Scan scan{ranges, hits, edges};
+  trace_beams(targets, drone, surroundings.state, scan, surroundings.tracer);
+  surroundings.tracer.finish();
+  if (!hits.empty()) look_at(targets, drone, surroundings.state, scan, nullptr);
+  if (has_errors) add_errors(drone, surroundings.state, scan);
+}
+
+void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
+                    LidarReadings* readings) const {
+  const RangeErrors& errors = config_.errors;
+  const bool needs_cosines = config_.outputs.intensity || errors.need_surfaces();
+  const float max_incidence = errors.max_incidence_deg * (std::numbers::pi_v<float> / 180.0F);  // rad
+  const float min_cosine = errors.max_incidence_deg < 90.0F ? std::cos(max_incidence) : 0.0F;
+  const ScanPath path = path_of(drone, state);
+  const BeamPattern& beams = settings_.optics(drone).beams;
+  alignas(64) trace::RayFloats cosines;
+  BeamRun run{};
+  const auto aim = [&](const Pose& pose) {
+    run.rotation = pose.rotation.toRotationMatrix();
+    run.origin = pose.position + trace::rotated(run.rotation, offset_of(drone));
+  };
+  aim(path.to);
+  for_each_row(beams, [&](std::size_t from, std::size_t to, std::size_t count) {
+    if (is_rolling()) aim(pose_at(path, to % beams.columns));
+    for (std::size_t i = 0, same = 1; i < count; i += same) {  // neighbours mostly hit the same
+      const trace::RayHit hit = scan.hits[to + i];
+      const auto rest = scan.hits.subspan(to + i, count - i);
+      same = static_cast<std::size_t>(std::ranges::find_if(rest, [&](const auto& other) { return other != hit; }) - rest.begin());
+      const bool is_miss = hit.element < 0;
+      const render::Surface surface = is_miss ? render::Surface() : targets.surface(hit);
+      const auto write = [&](auto& values, auto value) {
+        if (!values.empty()) std::fill_n(values.data() + drone * rays_ + to + i, same, value);
+      };
+      if (readings != nullptr) {
+        write(readings->semantic, surface.semantic);
+        write(readings->instance, surface.instance);
+        write(readings->intensity, 0.0F);
+      }
+      if (is_miss || !needs_cosines) continue;
+      float* const ranges = scan.ranges.data() + to + i;
+      run.x = beams.x.data() + from + i;
+      run.y = beams.y.data() + from + i;
+      run.z = beams.z.data() + from + i;
+      run.ranges = ranges;
+      run.count = same;
+      targets.write_cosines(hit, run, cosines);
+      const float reflectance = (surface.color[0] + surface.color[1] + surface.color[2]) / 3.0F;
+      for (std::size_t k = 0; k < same; ++k) {
+        const float intensity = intensity_of(reflectance, cosines[k], ranges[k]);
+        if (config_.outputs.intensity && readings != nullptr) readings->intensity[drone * rays_ + to + i + k] = intensity;
+        if (cosines[k] < min_cosine || intensity < errors.min_intensity) ranges[k] = kInfinity;
+      }
+    }
+  });
+}
+
+// Beams that the errors lose also lose their outputs.
 void Lidar::add_errors(std::span<const DroneIndex> drones, const State& state) {
   if (config_.errors == RangeErrors()) return;
-  float* const ranges = readings_.truth().ranges.data();
-  for (const DroneIndex drone : drones) add_errors(drone, state, {ranges + drone * rays_, rays_});
-}
-
-void Lidar::add_errors(DroneIndex drone, const State& state, std::span<float> ranges) const {
-  const RandomKey key = RandomKey::of(drone, drones_per_env_);
-  const auto draws = static_cast<std::uint32_t>((rays_ + 1) / 2);  // of a reading
-  const std::uint32_t first = draws * reading_of(state, key.env);
-  add_range_errors(config_.errors, settings_[drone].max_range_m,
-                   input_of_draw(state, key, stream_named("range errors"), first, number_), ranges);
-}
-
-void Lidar::scan(const trace::Scene& scene, const trace::Bodies& bodies, const trace::Bodies& drones, const Pose& pose,
-                 DroneIndex drone, float* ranges, trace::Tracer& tracer) const {
-  const BeamPattern& pattern = settings_.optics(drone);
-  const Mat3 rotation = pose.rotation.toRotationMatrix();
-  tracer.set_viewpoint(scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
-                               .rotation = rotation,
-                               .range = settings_[drone].max_range_m,
-                               .bodies = &bodies,
-                               .drones = &drones,
-                               .policy = policy_});
-  for (const BeamTile& tile : pattern.tiles) {
-    tracer.enqueue({.x = pattern.x.data() + tile.first,
-                    .y = pattern.y.data() + tile.first,
-                    .z = pattern.z.data() + tile.first,
-                    .rows = tile.rows,
-                    .width = tile.width,
-                    .frustum = &tile.frustum,
-                    .view = tile.view < 0 ? nullptr : &pattern.views[static_cast<std::size_t>(tile.view)],
-                    .fan = tile.fan < 0 ? nullptr : &pattern.fans[static_cast<std::size_t>(tile.fan)]},
-                   ranges + tile.channel * pattern.columns + tile.beam, pattern.columns);
+  for (const DroneIndex drone : drones) {
+    const Scan scan = scan_of(drone);
+    add_errors(drone, state, scan);
+    for_each_output(readings_.truth(), config_.outputs, [&](const auto&, auto& values) {
+      for (std::size_t ray = 0; ray < rays_; ++ray) {
+        if (scan.ranges[ray] == kInfinity) values[drone * rays_ + ray] = 0;
+      }
+    });
   }
+}
+
+void Lidar::add_errors(DroneIndex drone, const State& state, const Scan& scan) const {
+  const RandomKey key = RandomKey::of(drone, drones_per_env_);
+  const std::uint32_t reading = reading_of(state, key.env);
+  for (std::size_t ray = 0; ray < scan.edges.size(); ++ray) {
+    constexpr float kApart = 0.2F;  // m
+    float& range = scan.ranges[ray];
+    const float gap = scan.edges[ray] - range;
+    if (!std::isfinite(gap) || std::abs(gap) <= kApart) continue;
+    const auto index = static_cast<std::uint32_t>(rays_ * reading + ray);
+    range += uniform01(draw(state, key, stream_named("mixed ranges"), index, number_)[0]) * gap;
+  }
+  const auto draws = static_cast<std::uint32_t>((rays_ + 1) / 2);  // of a reading
+  add_range_errors(config_.errors, settings_[drone].max_range_m,
+                   input_of_draw(state, key, stream_named("range errors"), draws * reading, number_), scan.ranges);
+}
+
+void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
+                        trace::Tracer& tracer) const {
+  const auto aim = [&](const Pose& pose) {
+    const Mat3 rotation = pose.rotation.toRotationMatrix();
+    tracer.set_viewpoint(targets.scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
+                                         .rotation = rotation,
+                                         .range = settings_[drone].max_range_m,
+                                         .bodies = &targets.bodies.shapes,
+                                         .drones = &targets.drones,
+                                         .policy = policy_});
+  };
+  const ScanPath path = path_of(drone, state);
+  if (!is_rolling()) aim(path.to);
+  const auto trace_pattern = [&](const BeamPattern& pattern, std::span<float> ranges, std::span<trace::RayHit> hits) {
+    for (const BeamTile& tile : pattern.tiles) {
+      const std::size_t first = tile.channel * pattern.columns + tile.beam;
+      if (is_rolling()) aim(pose_at(path, tile.beam));
+      tracer.enqueue({.x = pattern.x.data() + tile.first,
+                      .y = pattern.y.data() + tile.first,
+                      .z = pattern.z.data() + tile.first,
+                      .rows = tile.rows,
+                      .width = tile.width,
+                      .frustum = &tile.frustum,
+                      .view = tile.view < 0 ? nullptr : &pattern.views[static_cast<std::size_t>(tile.view)],
+                      .fan = tile.fan < 0 ? nullptr : &pattern.fans[static_cast<std::size_t>(tile.fan)]},
+                     ranges.data() + first, pattern.columns, hits.empty() ? nullptr : hits.data() + first);
+    }
+  };
+  const BeamOptics& optics = settings_.optics(drone);
+  trace_pattern(optics.beams, scan.ranges, scan.hits);
+  if (!scan.edges.empty()) trace_pattern(optics.edges, scan.edges, {});
 }
 
 }  // namespace flockstep::sensors

@@ -8,16 +8,24 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "flockstep/sensors/lidar.hpp"
 #include "flockstep/sensors/readings.hpp"
 #include "flockstep/state.hpp"
+#include "sensors/beam_targets.hpp"
 #include "sensors/beams.hpp"
 #include "sensors/drone_settings.hpp"
+#include "sensors/scan_motion.hpp"
 #include "sensors/sensor.hpp"
 #include "trace/tracer.hpp"
 
 namespace flockstep::sensors {
+
+// The beams of one setting, and rays at their edges if they have a width.
+struct BeamOptics {
+  BeamPattern beams, edges;
+};
 
 class Lidar final : public SensorOf<LidarReadings> {
  public:
@@ -42,25 +50,57 @@ class Lidar final : public SensorOf<LidarReadings> {
   void write_directions(DroneIndex drone, std::span<float> out) const;  // one drone's, (channels, beams, 3)
   void write_points(const State& state, std::span<float> out) const;    // same shape, m, world frame; inf on a miss
 
-  // Scans from a pose with the drone's own setting.
-  void scan(const trace::Scene& scene, const trace::Bodies& bodies, const trace::Bodies& drones, const Pose& pose,
-            DroneIndex drone, float* ranges, trace::Tracer& tracer) const;
-  // Adds the errors of the drone's latest reading to its exact ranges.
-  void add_errors(DroneIndex drone, const State& state, std::span<float> ranges) const;
+  // Scans now, with the drone's own setting. ranges: exact, or with the errors of the drone's latest reading.
+  void scan(DroneIndex drone, const Surroundings& surroundings, bool has_errors, std::span<float> ranges) const;
 
+  void begin(DroneIndex drone, const State& state) override;
   void use_default_settings(DroneIndex drone) override { set_config(drone, config_); }
   void clear(DroneIndex drone) override;
   void list_arrays(const std::function<void(const ArrayView&)>& list) const override {
-    for_each_view(readings(), items_of(config_), list);
+    for_each_view(readings(), items_of(config_), [&](const ArrayView& array) {
+      if (is_written(config_, array.name)) list(array);
+    });
   }
   void visit(ArrayVisitor& visitor) override;
   void check_bytes(std::span<const std::byte> settings) const override { settings_.check_bytes(settings); }
   void restored() override;
+  void check() const override {
+    SensorOf::check();
+    motion_.check();
+  }
 
  private:
   // Consecutive drones in the same world share the ray packets that go through Embree.
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
+
+  // The traced rays of one drone; hits and edges are empty if not needed.
+  struct Scan {
+    std::span<float> ranges;
+    std::span<trace::RayHit> hits;
+    std::span<float> edges;  // ranges of the rays at the edges of the beams
+  };
+  bool is_rolling() const { return config_.scan_time_s > 0.0F; }
+  std::int64_t tick_of(DroneIndex drone, const State& state) const {
+    return state.tick[RandomKey::of(drone, drones_per_env_).env];
+  }
+  ScanPath path_of(DroneIndex drone, const State& state) const {
+    const Pose now = pose_of(state, drone);
+    return is_rolling() ? motion_.path_of(drone, now, tick_of(drone, state)) : ScanPath{now, now};
+  }
+  // Returns the drone's pose when a column of beams is traced.
+  Pose pose_at(const ScanPath& path, std::size_t column) const;
+  Scan scan_of(DroneIndex drone) {
+    const auto row = [&](auto& values) {
+      return values.empty() ? std::span(values) : std::span(values).subspan(drone * rays_, rays_);
+    };
+    return {row(readings_.truth().ranges), row(hits_), row(edges_)};
+  }
+  void trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
+                   trace::Tracer& tracer) const;
+  // Drops beams that the errors lose at the surfaces that they hit. Writes the outputs of the others unless `readings` is null.
+  void look_at(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan, LidarReadings* readings) const;
+  void add_errors(DroneIndex drone, const State& state, const Scan& scan) const;
   void set_config(DroneIndex drone, const LidarConfig& config);
   Vec3 offset_of(DroneIndex drone) const { return Vec3::Map(settings_[drone].offset_m.data()); }
 
@@ -68,7 +108,12 @@ class Lidar final : public SensorOf<LidarReadings> {
   trace::TracePolicy policy_;
   std::size_t rays_;
   std::uint32_t number_;  // number among the drone's LiDARs; each has its own errors
-  DroneSettings<LidarConfig, BeamPattern> settings_;
+  DroneSettings<LidarConfig, BeamOptics> settings_;
+  // (N, rays) of the scans in progress; empty if not needed
+  std::vector<trace::RayHit> hits_;
+  std::vector<float> edges_;
+  float scan_ticks_;   // ticks that a scan takes
+  ScanMotion motion_;  // of no drones unless scans take time
   std::atomic<bool> has_scanned_{false};
 };
 

@@ -9,6 +9,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <typeinfo>
 #include <utility>
 
@@ -20,6 +21,7 @@
 #include "flockstep/episode.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/state.hpp"
+#include "render/appearance.hpp"
 #include "sensors/delay.hpp"
 #include "trace/scene.hpp"
 #include "trace/tracer.hpp"
@@ -107,14 +109,14 @@ struct Surroundings {
   std::span<const std::int32_t> slots;          // (E,) slot of each env's world
   std::size_t drones_per_env;
   trace::Tracer& tracer;
-  trace::BallSlices& slices;  // working memory for the drones of one env
-  trace::Bodies bodies{};     // bodies of all envs
+  trace::BallSlices& slices;       // working memory for the drones of one env
+  render::VisibleBodies bodies{};  // bodies of all envs
   std::size_t bodies_per_env = 0;
   trace::Bodies drones{};  // drones of all envs, if they see each other
 
   std::size_t env_of(DroneIndex drone) const { return drones_per_env == 1 ? std::size_t{drone} : drone / drones_per_env; }
   const trace::Scene& scene_of(DroneIndex drone) const { return *scenes[static_cast<std::size_t>(slots[env_of(drone)])]; }
-  trace::Bodies bodies_of(DroneIndex drone) const { return bodies.of_env(env_of(drone), bodies_per_env); }
+  render::VisibleBodies bodies_of(DroneIndex drone) const { return bodies.of_env(env_of(drone), bodies_per_env); }
   trace::Bodies drones_seen_by(DroneIndex drone) const { return drones.seen_by(drone, drones_per_env); }
 };
 
@@ -150,15 +152,44 @@ class BlockSensor : public Sensor {
   }
 };
 
+// Returns false for an array that the configuration's outputs name but do not choose.
+template <class Config>
+bool is_written(const Config& config, std::string_view array) {
+  bool result = true;
+  if constexpr (requires { config.outputs; }) {
+    for_each_field(config.outputs, [&](const auto& output, bool is_chosen) {
+      if (array == output.name) result = is_chosen;
+    });
+  }
+  return result;
+}
+
+// Calls f(entry, values) for each array that is a chosen output.
+template <HasFields Arrays, HasFields Outputs, class F>
+void for_each_output(Arrays& arrays, const Outputs& outputs, const F& f) {
+  for_each_listed(arrays, [&](const auto& entry, auto& values) {
+    for_each_field(outputs, [&](const auto& output, bool is_chosen) {
+      if (is_chosen && std::string_view(output.name) == entry.name) f(entry, values);
+    });
+  });
+}
+
 // Readings of a sensor: the true values, these with errors, and the published arrays. Without errors or latency they share the
 // same memory.
 template <HasFields Arrays>
 class Readings {
  public:
-  void allocate(const ArraySizes& sizes, bool has_errors, bool is_late) {
-    flockstep::allocate(truth_, sizes);
-    if (has_errors) flockstep::allocate(noisy_.emplace(), sizes);
-    if (is_late) flockstep::allocate(published_.emplace(), sizes);
+  // Arrays for which exists(name) is false stay empty.
+  template <class F>
+  void allocate(const ArraySizes& sizes, bool has_errors, bool is_late, const F& exists) {
+    const auto fill = [&](Arrays& arrays) {
+      for_each_listed(arrays, [&](const auto& entry, auto& values) {
+        if (exists(entry.name)) flockstep::allocate(entry, values, sizes);
+      });
+    };
+    fill(truth_);
+    if (has_errors) fill(noisy_.emplace());
+    if (is_late) fill(published_.emplace());
   }
 
   Arrays& truth() { return truth_; }
@@ -195,7 +226,7 @@ class SensorOf : public BlockSensor {
       : BlockSensor(std::move(kind), std::move(name), config.rate_hz, setup.clock),
         drones_per_env_(setup.drones_per_env),
         delay_(config, label(), period(), setup.clock, setup.drones_per_env, setup.num_drones) {
-    readings_.allocate(sizes, has_errors, delay_.is_late());
+    readings_.allocate(sizes, has_errors, delay_.is_late(), [&](const char* array) { return is_written(config, array); });
     if (delay_.is_late()) rings_.allocate(readings_.published(), setup.num_drones, delay_.num_rows());
   }
 

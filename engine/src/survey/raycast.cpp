@@ -12,6 +12,7 @@
 #include "base/require.hpp"
 #include "prepared/prepared_world.hpp"
 #include "trace/tracer.hpp"
+#include "world/triangle_normal.hpp"
 
 namespace flockstep {
 namespace {
@@ -40,13 +41,6 @@ Vec3d surface_normal(const Primitive& primitive, const Vec3d& point) {
   Vec3d normal = Vec3d::Zero();
   normal[face] = std::copysign(1.0, local[face]);
   return rotation * normal;
-}
-
-Vec3d triangle_normal(const TriangleMesh& mesh, std::size_t triangle) {
-  const auto& [a, b, c] = mesh.triangles[triangle];
-  const auto vertex = [&](std::int32_t i) { return mesh.vertices[static_cast<std::size_t>(i)].cast<double>(); };
-  const Vec3d origin = vertex(a);
-  return (vertex(b) - origin).cross(vertex(c) - origin).normalized();
 }
 
 template <class Holds>

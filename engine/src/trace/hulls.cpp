@@ -209,6 +209,18 @@ HullPlanes::HullPlanes(std::span<const Vec3> points) {
   for (const Vec3& point : points) half_extents = half_extents.cwiseMax(point.cwiseAbs());
 }
 
+Vec3 HullPlanes::normal_at(const Vec3& point) const {
+  std::size_t face = 0;
+  float highest = -std::numeric_limits<float>::infinity();
+  for (std::size_t i = 0; i < count; ++i) {
+    const float height = x[i] * point.x() + y[i] * point.y() + z[i] * point.z() - offset[i];
+    if (height <= highest) continue;
+    highest = height;
+    face = i;
+  }
+  return {x[face], y[face], z[face]};
+}
+
 void TurnedPlanes::compute(const HullPlanes& to_turn, const float* quat) {
   planes = &to_turn;
   std::copy_n(quat, 4, quat_wxyz.begin());

@@ -19,6 +19,8 @@ struct HullPlanes {
 
   explicit HullPlanes(std::span<const Vec3> points);  // vertices of a valid DroneModel; their convex hull
 
+  Vec3 normal_at(const Vec3& point) const;  // of the face on which a point of the surface lies; body frame
+
   std::size_t count = 0;
   // m, body frame; the entries from `count` on are half spaces that contain everything
   alignas(64) std::array<float, kMax> x{}, y{}, z{}, offset{};

@@ -110,7 +110,7 @@ struct Scene::EmbreePrimitives {
 };
 
 Scene::Scene(const World& world, std::pmr::memory_resource& memory, std::size_t max_direct)
-    : shapes_(&memory), visible_(&memory), markers_(&memory), tree_({}, {}, memory) {
+    : shapes_(&memory), visible_(&memory), markers_(&memory), tree_({}, {}, memory), world_(&world) {
   add_primitives(world.primitives(), max_direct);
   add_triangles(world);
   const Markers& markers = world.markers();

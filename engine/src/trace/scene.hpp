@@ -48,6 +48,8 @@ class Scene {
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
 
+  const World& world() const { return *world_; }
+
   // Gathers the shapes that rays from the origin may hit between near_m and range_m. Markers are included if `markers` is set;
   // they are numbered after the triangles.
   void gather(const Vec3& origin, float near_m, float range_m, bool markers, CandidateSet& candidates) const;
@@ -121,6 +123,7 @@ class Scene {
   mutable std::mutex prepared_mutex_;
   mutable std::unique_ptr<const EmbreePrimitives> prepared_embree_primitives_;  // null until prepared
   mutable std::unique_ptr<const MeshTree> tiles_;                               // null until prepared
+  const World* world_;
 };
 
 }  // namespace flockstep::trace

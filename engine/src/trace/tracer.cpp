@@ -101,19 +101,19 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
   return bundle_;
 }
 
-void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride) {
+void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride, RayHit* hits) {
   const bool in_slice = sliced_ != nullptr && tile.fan != nullptr && candidates_.triangles;
   const bool in_view = !in_slice && tree_ != nullptr && tile.view != nullptr && candidates_.triangles;
-  if (!trace_candidates(tile, false)) {
+  if (!trace_candidates(tile, hits != nullptr)) {
     if (!in_slice && !in_view) {
       forget_hits(bundle_);
       meet_bodies();  // before the rays leave the bundle
-      return wait(tile, ranges, stride, for_everything_);
+      return wait(tile, ranges, stride, hits, for_everything_);
     }
     trace_by_embree();
   } else if (candidates_.triangles && !in_slice && !in_view) {
     meet_bodies();
-    return wait(tile, ranges, stride, for_triangles_);
+    return wait(tile, ranges, stride, hits, for_triangles_);
   }
   if (in_slice) {
     const SliceWalk walk = was_ordered_faster_ ? SliceWalk::ordered : SliceWalk::automatic;
@@ -122,7 +122,12 @@ void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride) {
   if (in_view) trace_view(*tile.view, tile.rows, tile.width, is_nothing_near());
   meet_bodies();
   for (std::size_t row = 0; row < tile.rows; ++row) {
-    copy_ranges(bundle_.t_hit + row * tile.width, tile.width, ranges + row * stride);
+    const std::size_t first = row * tile.width;
+    copy_ranges(bundle_.t_hit + first, tile.width, ranges + row * stride);
+    if (hits == nullptr) continue;
+    for (std::size_t i = 0; i < tile.width; ++i) {
+      hits[row * stride + i] = {bundle_.element[first + i], details_.triangle[first + i]};
+    }
   }
 }
 
@@ -179,7 +184,7 @@ void Tracer::trace_by_embree() {
   std::copy_n(block_.element, bundle_.count, bundle_.element);
 }
 
-// Shortens the bundle's t_hit to nearer hits on triangles; leaves its elements unchanged. no_hits_yet: the bundle has no hits.
+// Shortens the bundle's t_hit to nearer hits on triangles. no_hits_yet: the bundle has no hits.
 void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t width, bool no_hits_yet) {
   RayBundle& seen = view_bundle_;
   seen.origin = bundle_.origin;
@@ -197,15 +202,17 @@ void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t widt
       for (std::size_t i = 0; i < width; ++i) depth[i] = std::min(found[i], bundle_.range) * ahead[i];
     }
   }
-  trace_mesh_tile(*tree_, 0, view.u, view.v, seen, nullptr, {});
+  trace_mesh_tile(*tree_, scene_->first_triangle(), view.u, view.v, seen, nullptr, {});
   for (std::size_t row = 0; row < rows; ++row) {
     const float *const depth = seen.t_hit + row * kTileWidth, *const per_ahead = view.per_ahead + row * kTileWidth;
     const std::int32_t* const element = seen.element + row * kTileWidth;
     float* const found = bundle_.t_hit + row * width;
+    std::int32_t* const number = bundle_.element + row * width;
     for (std::size_t i = 0; i < width; ++i) {
       const float distance = depth[i] * per_ahead[i];
       const bool is_met = (element[i] >= 0) & (distance <= bundle_.range) & (distance < found[i]);
       found[i] = is_met ? distance : found[i];
+      number[i] = is_met ? element[i] : number[i];
     }
   }
 }
@@ -237,6 +244,7 @@ void Tracer::meet_mesh(const PosedMesh& mesh) {
     if (rays.element[i] < 0) continue;
     bundle_.t_hit[mesh_rays_.of[i]] = rays.t_hit[i];
     bundle_.element[mesh_rays_.of[i]] = mesh.element;
+    details_.triangle[mesh_rays_.of[i]] = rays.element[i];
   }
 }
 
@@ -282,27 +290,32 @@ void Tracer::note(std::size_t rays, std::size_t packets) {
 }
 
 // Adds the bundle's rays, with their hits so far, to the waiting ones.
-void Tracer::wait(const RayTile& tile, float* ranges, std::size_t stride, Waiting& waiting) {
+void Tracer::wait(const RayTile& tile, float* ranges, std::size_t stride, RayHit* hits, Waiting& waiting) {
   for (std::size_t row = 0; row < tile.rows; ++row) {
     for (std::size_t ray = 0; ray < tile.width;) {
       const std::size_t count = std::min(kMaxRays - waiting.rays.count, tile.width - ray);
-      append(bundle_, row * tile.width + ray, count, waiting.rays);
-      waiting.segments[waiting.num_segments++] = {ranges + row * stride + ray, count};
+      const std::size_t first = row * tile.width + ray, to = row * stride + ray;
+      append(bundle_, first, count, waiting.rays);
+      waiting.segments[waiting.num_segments++] = {ranges + to, hits == nullptr ? nullptr : hits + to, count};
+      for (std::size_t i = 0; hits != nullptr && i < count; ++i) hits[to + i].triangle = details_.triangle[first + i];
       if (waiting.rays.count == kMaxRays) deliver(waiting);
       ray += count;
     }
   }
 }
 
-// Traces the waiting rays and writes their distances.
+// Traces the waiting rays and writes their distances and hits.
 void Tracer::deliver(Waiting& waiting) {
   if (waiting.rays.count == 0) return;
   if (&waiting == &for_everything_) meet_primitives(waiting.rays);
   meet_triangles(*scene_, waiting.rays, nullptr);
-  const float* t_hit = waiting.rays.t_hit;
-  for (std::size_t i = 0; i < waiting.num_segments; ++i) {
-    std::copy_n(t_hit, waiting.segments[i].count, waiting.segments[i].ranges);
-    t_hit += waiting.segments[i].count;
+  std::size_t first = 0;
+  for (const Waiting::Segment& segment : std::span(waiting.segments).first(waiting.num_segments)) {
+    std::copy_n(waiting.rays.t_hit + first, segment.count, segment.ranges);
+    for (std::size_t i = 0; segment.hits != nullptr && i < segment.count; ++i) {
+      segment.hits[i].element = waiting.rays.element[first + i];
+    }
+    first += segment.count;
   }
   waiting.rays.count = waiting.num_segments = 0;
 }

@@ -66,6 +66,14 @@ struct RayTile {
   const TileAxis *u = nullptr, *v = nullptr;  // axes of y and z if x is 1; for trace() in tiles only
 };
 
+// The hit of a ray of enqueue().
+struct RayHit {
+  std::int32_t element;   // as in RayBundle; bodies have the numbers that their Bodies give them
+  std::int32_t triangle;  // its number in the mesh of a body; meaningless for other hits
+
+  friend bool operator==(const RayHit&, const RayHit&) = default;
+};
+
 // Counts of rays and packets that Embree traced against triangles, shadow rays included.
 struct EmbreeUse {
   std::int64_t rays = 0;
@@ -91,9 +99,10 @@ class Tracer {
   // readable up to a multiple of 4 rows.
   const RayBundle& trace(const RayTile& tile);
 
-  // Writes the distances of a tile, row by row, to ranges, ranges + stride and so on. Rays for Embree wait until they fill a
-  // block with those of other sensors; finish() traces the rest. All other distances are written at once.
-  void enqueue(const RayTile& tile, float* ranges, std::size_t stride);
+  // Writes the distances of a tile, row by row, to ranges, ranges + stride and so on, and its hits alike unless hits is null.
+  // Rays for Embree wait until they fill a block with those of other sensors; finish() traces the rest. All others are written
+  // at once. Where two surfaces touch, distances with and without hits may differ by rounding.
+  void enqueue(const RayTile& tile, float* ranges, std::size_t stride, RayHit* hits = nullptr);
   void finish();
 
   // Rays of arbitrary origins. The caller sets `near` and, for the first `count` rays, everything except t_hit and element.
@@ -114,8 +123,9 @@ class Tracer {
  private:
   // Rays of several sensors, with their hits so far.
   struct Waiting {
-    struct Segment {  // consecutive rays, and the destination of their distances
+    struct Segment {  // consecutive rays, and the destinations of their distances and hits
       float* ranges;
+      RayHit* hits;  // may be null
       std::size_t count;
     };
     RayBlock rays;
@@ -134,7 +144,7 @@ class Tracer {
   void meet_mesh(const PosedMesh& mesh);
   void meet_mesh(const PosedMesh& mesh, const RayTile& picture);
   void note(std::size_t rays, std::size_t packets);  // adds to embree_use_ unless packets is 0
-  void wait(const RayTile& tile, float* ranges, std::size_t stride, Waiting& waiting);
+  void wait(const RayTile& tile, float* ranges, std::size_t stride, RayHit* hits, Waiting& waiting);
   void deliver(Waiting& waiting);
 
   const Scene* scene_ = nullptr;      // scene of the sensor
@@ -148,7 +158,7 @@ class Tracer {
   NearBodies near_bodies_;   // for the current sensor
   RayBundle bundle_;         // rays of the current tile
   RayBundle view_bundle_;    // the same rays in the frame of the tile's view
-  HitDetails details_;
+  HitDetails details_{};
   EmbreeUse embree_use_;
   RayBlock block_;
   MeshRays mesh_rays_;       // for one mesh of a body

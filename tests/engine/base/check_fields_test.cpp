@@ -130,7 +130,7 @@ int count_refused(const std::string& prefix) {
 }
 
 TEST(CheckFields, IsCalledByEachConfiguration) {
-  EXPECT_EQ(count_refused<LidarConfig>("lidar."), 22);
+  EXPECT_EQ(count_refused<LidarConfig>("lidar."), 26);
   EXPECT_EQ(count_refused<CameraConfig>("camera."), 24);
   EXPECT_EQ(count_refused<ColorRange>("color."), 4);
   EXPECT_EQ(count_refused<PoseSensorConfig>("pose_sensor."), 9);

@@ -22,7 +22,8 @@ std::vector<Beam> beams_of(const LidarConfig& config) {
   const double hfov = config.hfov_deg;
   const double vfov = config.vfov_deg;
   for (int channel = 0; channel < config.channels; ++channel) {
-    const double elevation = config.channels == 1 ? 0.0 : -vfov / 2 + vfov * channel / (config.channels - 1);
+    double elevation = config.vfov_center_deg;
+    if (config.channels > 1) elevation += -vfov / 2 + vfov * channel / (config.channels - 1);
     for (int beam = 0; beam < config.beams; ++beam) {
       double azimuth = 0.0;
       if (config.beams > 1) azimuth = -hfov / 2 + hfov * beam / (hfov == 360.0 ? config.beams : config.beams - 1);
@@ -118,6 +119,18 @@ TEST(LidarBeams, AGridHasARowPerChannelFromBelow) {
   expect_beams({.channels = 16, .beams = 5, .hfov_deg = 120.0F, .vfov_deg = 30.0F});
   expect_beams({.channels = 2, .beams = 9, .vfov_deg = 180.0F});
   expect_beams({.channels = 5, .beams = 1, .vfov_deg = 60.0F});
+}
+
+TEST(LidarBeams, AFieldOfViewMayLieAboveOrBelowTheHorizon) {
+  const auto grid = directions_of({.channels = 40, .beams = 8, .hfov_deg = 360.0F, .vfov_deg = 59.0F, .vfov_center_deg = 22.5F});
+  EXPECT_NEAR(elevation_deg(grid.front()), -7.0, 1e-5);
+  EXPECT_NEAR(elevation_deg(grid.back()), 52.0, 1e-5);
+  expect_beams({.channels = 40, .beams = 8, .hfov_deg = 360.0F, .vfov_deg = 59.0F, .vfov_center_deg = 22.5F});
+  expect_beams({.channels = 3, .beams = 35, .vfov_deg = 100.0F, .vfov_center_deg = -40.0F});
+  for (const Vec3d& beam : directions_of({.vfov_center_deg = 30.0F})) EXPECT_NEAR(beam.z(), 0.5, 1e-7);
+  EXPECT_REFUSED((LidarConfig{.channels = 2, .vfov_deg = 100.0F, .vfov_center_deg = -41.0F}.validate()), "lidar.vfov_center_deg");
+  EXPECT_REFUSED((LidarConfig{.vfov_center_deg = 1.0F, .azimuth_deg = {0}, .elevation_deg = {0}}.validate()),
+                 "lidar.vfov_center_deg");
 }
 
 TEST(LidarBeams, APatternIsItsTwoLists) {
@@ -355,6 +368,37 @@ TEST(LidarChange, IsRefusedEvenIfNoDroneIsSelected) {
   const LidarConfig pattern{.azimuth_deg = {0}, .elevation_deg = {0}};
   Batch patterned(lidar_batch(1, pattern), {make_world(a_few())});
   EXPECT_REFUSED(patterned.lidar().set({.hfov_deg = 90.0F}, std::vector<std::uint8_t>{0}), "hfov_deg");
+}
+
+// Batch::Lidar::scan() reads what sense() has read, errors by surfaces included.
+TEST(LidarScan, IsTheReadingOfItsDrone) {
+  LidarConfig lidar{.channels = 8, .beams = 50, .hfov_deg = 360.0F, .vfov_deg = 40.0F, .max_range_m = 8.0F};
+  lidar.errors = {
+      .divergence_mrad = 50.0F, .noise_std_m = 0.01F, .dropout = 0.1F, .max_incidence_deg = 60.0F, .min_intensity = 0.02F};
+  Random random(10);
+  const Poses poses = random_poses(random, 5, {4.5F, 3.5F, 2.5F});
+  Batch batch(lidar_batch(5, lidar), {crowded_world()});
+  batch.set_pose(poses.position, poses.quat_wxyz);
+  batch.sense();
+  std::vector<float> ranges(400);
+  for (std::size_t drone = 0; drone < 5; ++drone) {
+    batch.lidar().scan(DroneIndex(drone), ranges);
+    EXPECT_TRUE(same_bits(ranges, row(batch.lidar().readings().ranges, drone, 400))) << drone;
+    EXPECT_GT(std::ranges::count(ranges, kInfinity), 100) << drone;
+  }
+}
+
+TEST(LidarOutputs, NeedANumberForEachObject) {
+  std::vector<Primitive> spheres;
+  for (int i = 0; i < 65536; ++i) {
+    spheres.push_back(primitive(PrimitiveKind::sphere, {static_cast<float>(i), 0, 0}, {0.1F, 0.1F, 0.1F}));
+  }
+  const Batch::Worlds worlds{make_world(std::move(spheres))};
+  LidarConfig lidar{.beams = 1};
+  lidar.outputs.instance = true;
+  EXPECT_REFUSED(Batch(lidar_batch(1, lidar), worlds), "lidar.outputs.instance: ... 65535 ... 65536");
+  lidar.outputs = {.semantic = true, .intensity = true};
+  EXPECT_NO_THROW(Batch(lidar_batch(1, lidar), worlds));
 }
 
 TEST(LidarChange, NeedsALidar) {

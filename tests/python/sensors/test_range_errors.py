@@ -159,6 +159,40 @@ def test_readings_stay_between_the_minimum_and_the_maximum_range():
     assert set(np.unique(batch.lidar("erring").ranges)) == {0.0, np.inf}
 
 
+def at_an_edge(gap, errors, *, beams=20_000, half_width=0.01, **keywords):
+    """Return azimuths and readings of beams near the edge of a wall 4 m ahead and left, with another behind it."""
+    walls = [{"center": [5, 25, 0], "size": [2, 50, 50]}, {"center": [5 + gap, -25, 0], "size": [2, 50, 50]}]
+    azimuth = np.random.default_rng(2).uniform(-2 * half_width, 2 * half_width, beams)
+    lidar = LidarConfig(azimuth_deg=np.degrees(azimuth), elevation_deg=[0] * beams, max_range_m=20, errors=errors)
+    batch = placed(world_of(name="edge", boxes=walls), [[0, 0, 0]], lidar=lidar, **keywords)
+    batch.sense()
+    return azimuth, batch.lidar().ranges[0, 0].copy(), batch
+
+
+@pytest.mark.parametrize("tracer", ["auto", "embree"])
+def test_beams_on_edges_read_between_both_surfaces(tracer):
+    wide = RangeErrors(divergence_mrad=20)
+    azimuth, ranges, batch = at_an_edge(2, wide, tracer=tracer)
+    exact = np.where(azimuth > 0, 4, 6) / np.cos(azimuth)
+    is_mixed = np.abs(ranges - exact) > 1e-4
+    inside = np.abs(azimuth) < 0.01
+    assert not is_mixed[~inside].any()
+    # The other side of the edge is |cos t| / 2 of all directions t, 1 / pi on average.
+    assert abs(is_mixed[inside].mean() - 1 / math.pi) < 3 * math.sqrt(0.22 / inside.sum())
+    share = (ranges[is_mixed] - 4) / 2
+    assert share.min() > 0
+    assert share.max() < 1.001
+    assert abs(share.mean() - 0.5) < 3 / math.sqrt(12 * share.size)
+    assert abs(share.var() - 1 / 12) < 3 / math.sqrt(180 * share.size)
+    batch.sense()
+    again = batch.lidar().ranges[0, 0]
+    np.testing.assert_array_equal(np.abs(again - exact) > 1e-4, is_mixed)
+    assert (again[is_mixed] != ranges[is_mixed]).all()
+    for gap, errors in ((2, RangeErrors()), (0.15, wide)):  # without a width, and with surfaces that are close
+        azimuth, ranges, _ = at_an_edge(gap, errors, tracer=tracer)
+        np.testing.assert_allclose(ranges, np.where(azimuth > 0, 4, 4 + gap) / np.cos(azimuth), rtol=1e-5)
+
+
 def test_points_are_at_the_readings():
     batch = batch_of(EVERY)
     batch.sense()
@@ -240,13 +274,15 @@ def test_configurations_survive_recipes_pickles_and_snapshots():
 @pytest.mark.parametrize(
     ("field", "value"),
     [
-        *itertools.product(["noise_std_m", "noise_per_m", "resolution_m", "min_range_m", "dropout"], [-1, math.nan]),
-        *itertools.product(["noise_std_m", "noise_per_m", "bias_m", "resolution_m", "dropout"], [math.inf, 1e30]),
-        ("bias_m", math.nan),
+        *itertools.product([*RangeErrors.__match_args__], [math.nan]),
+        *itertools.product([name for name in RangeErrors.__match_args__ if name != "bias_m"], [-1]),
+        *itertools.product([name for name in RangeErrors.__match_args__ if name != "min_range_m"], [math.inf, 1e30]),
         ("resolution_m", 1e-9),
         ("resolution_m", 3.5),  # longer than the range
         ("min_range_m", 3.0),
         ("dropout", 1.01),
+        ("max_incidence_deg", 90.1),
+        ("min_intensity", 1.01),
     ],
 )
 def test_bad_errors_are_refused(field, value):
@@ -296,10 +332,20 @@ def test_presets_scan_and_err(name):
     assert 0 < np.abs(got - truth)[both].max() < 0.5
 
 
+DIRECTIONS = {"multi-ranger-front": (1, 0, 0), "multi-ranger-up": (0, 0, 1), "flow-deck": (0, 0, -1)}
+
+
+def test_rangefinders_look_where_their_names_say():
+    batch = placed(ROOM, POSES[:1], lidars=[LidarConfig.preset(name) for name in DIRECTIONS])
+    for name, axis in DIRECTIONS.items():
+        np.testing.assert_allclose(batch.lidar(name).directions, [[[axis]]], atol=1e-7)
+
+
 def test_fields_of_view_of_presets():
     mid360 = LidarConfig.preset("mid-360")
-    assert (min(mid360.elevation_deg), max(mid360.elevation_deg)) == (-7, 52)
-    assert len({*zip(mid360.azimuth_deg, mid360.elevation_deg, strict=True)}) == 20_000
+    assert mid360.vfov_center_deg - mid360.vfov_deg / 2 == -7
+    assert mid360.vfov_center_deg + mid360.vfov_deg / 2 == 52
+    assert math.prod(mid360.shape) == 20_000
     assert LidarConfig.preset("os0-128").shape == (128, 512)
     spacing = LidarConfig.preset("vlp-16")
     assert spacing.vfov_deg / (spacing.channels - 1) == 2.0

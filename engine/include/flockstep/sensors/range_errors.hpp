@@ -6,18 +6,28 @@
 
 namespace flockstep {
 
-// Errors of ranges. They apply in the order of the fields to each beam that hits, independently of other beams and readings.
+// Errors of ranges. They apply in the order of the fields to each beam that hits, independently of other beams and readings. The
+// last two depend on the exact hit.
 struct RangeErrors {
+  float divergence_mrad = 0.0F;
   float noise_std_m = 0.0F;
   float noise_per_m = 0.0F;
   float bias_m = 0.0F;
   float resolution_m = 0.0F;
   float min_range_m = 0.0F;
   float dropout = 0.0F;
+  float max_incidence_deg = 90.0F;
+  float min_intensity = 0.0F;
 
   static constexpr auto fields() {
     using C = RangeErrors;
     return field_list(
+        field("divergence_mrad", &C::divergence_mrad,
+              {.about =
+                   "Width of a beam. If its middle and its edge hit more than 0.2 m apart, it reads a range between, at random. "
+                   "Beams are then traced twice.",
+               .unit = "mrad",
+               .limits = between(0, 100)}),
         field("noise_std_m", &C::noise_std_m,
               {.about = "Standard deviation of Gaussian noise at range 0.", .unit = "m", .limits = between(0, 1000)}),
         field("noise_per_m", &C::noise_per_m,
@@ -31,10 +41,14 @@ struct RangeErrors {
               {.about = "Minimum range, less than ``max_range_m``. A nearer reading is a miss.",
                .unit = "m",
                .limits = at_least(0)}),
-        field("dropout", &C::dropout, {.about = "Probability that a beam that hits reads as a miss.", .limits = between(0, 1)}));
+        field("dropout", &C::dropout, {.about = "Probability that a beam that hits reads as a miss.", .limits = between(0, 1)}),
+        field("max_incidence_deg", &C::max_incidence_deg,
+              {.about = "A beam at a larger angle to a surface's normal misses.", .unit = "deg", .limits = between(0, 90)}),
+        field("min_intensity", &C::min_intensity, {.about = "A beam of lower intensity misses.", .limits = between(0, 1)}));
   }
 
   FLOCKSTEP_API void validate() const;
+  bool need_surfaces() const { return max_incidence_deg < 90.0F || min_intensity > 0.0F; }  // not only ranges
   bool operator==(const RangeErrors&) const = default;
 };
 

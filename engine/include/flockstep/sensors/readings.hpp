@@ -37,11 +37,14 @@ struct PoseReadings {
   }
 };
 
-// Readings of one LiDAR.
+// Readings of one LiDAR. Outputs that its LidarConfig does not choose are empty.
 struct LidarReadings {
   std::vector<float> ranges;
   std::vector<float> max_range_m;
   std::vector<float> age_s;
+  std::vector<std::uint16_t> semantic;
+  std::vector<std::uint16_t> instance;
+  std::vector<float> intensity;
 
   static constexpr auto fields() {
     using C = LidarReadings;
@@ -53,8 +56,17 @@ struct LidarReadings {
                .writer = "LiDAR",
                .about = "inf on a miss. Raises `RuntimeError` before the first scan"}),
         array("max_range_m", &C::max_range_m, {.unit = "m", .writer = "set_lidar()", .about = "maximum range of each drone"}),
-        array("ranges_age_s", &C::age_s,
-              {.unit = "s", .writer = "LiDAR", .about = "age of the newest reading that has arrived"}));
+        array("ranges_age_s", &C::age_s, {.unit = "s", .writer = "LiDAR", .about = "age of the newest reading that has arrived"}),
+        array("semantic", &C::semantic,
+              {.per = Per::ray, .values = Values::any, .writer = "LiDAR", .about = "semantic id of the hit, 0 on a miss"}),
+        array("instance", &C::instance,
+              {.per = Per::ray, .values = Values::any, .writer = "LiDAR", .about = "number of the object, 0 on a miss"}),
+        array("intensity", &C::intensity,
+              {.per = Per::ray,
+               .unit = "1",
+               .values = Values::fraction,
+               .writer = "LiDAR",
+               .about = "light that returns, as a share of that from a white surface 1 m ahead, 0 on a miss"}));
   }
 };
 

@@ -19,6 +19,7 @@
 #include "base/wide-inl.hpp"
 #include "render/raycast/shaded_bodies.hpp"
 #include "render/raycast/soft_light.hpp"
+#include "trace/normals-inl.hpp"
 
 #ifndef FLOCKSTEP_RENDER_COMMON_FACE
 #define FLOCKSTEP_RENDER_COMMON_FACE
@@ -66,6 +67,7 @@ inline int common_face(const trace::Shape& shape, const trace::RayBundle& rays) 
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::render::HWY_NAMESPACE {
 using namespace flockstep::HWY_NAMESPACE;  // the wide type
+using namespace flockstep::trace::HWY_NAMESPACE;
 
 using F = WideUpTo<PixelTile::kSide>;
 using I = F::Int;
@@ -92,8 +94,6 @@ struct Pixels {
   F3 normal;
 };
 HWY_INLINE Pixels empty_pixels() { return {0, 0, 0, {0.0F, 0.0F, 0.0F}}; }
-
-HWY_INLINE F3 normalised(const F3& v) { return v / sqrt(dot(v, v)); }
 
 // Flips the normal to the visible side.
 HWY_INLINE F3 towards_camera(const F3& normal, const F3& direction) {
@@ -242,30 +242,12 @@ HWY_INLINE F face_normal(F along) { return copy_sign(1.0F, -along); }
 template <bool kShadows, Detail kDetail>
 HWY_INLINE void color_box(const ShadedSolid& solid, const F3& at, const F3& dir, const Rays<kShadows, kDetail>& rays,
                           bool with_normal, Pixels& pixels) {
-  // Selects the face whose plane is nearest. A plane has no thickness, so its z face is always selected.
-  const float* const half = solid.shape->half_extents;
-  const F outside_x = abs(at.x) - half[0], outside_y = abs(at.y) - half[1];
-  const F outside_z = half[2] > 0.0F ? abs(at.z) - half[2] : F(std::numeric_limits<float>::infinity());
-  const Mask y_over_x = outside_y > outside_x;
-  const Mask z_over_xy = outside_z > max(outside_x, outside_y);
+  const auto [y_over_x, z_over_xy] = nearest_face(*solid.shape, at);
   pixels.color = select(y_over_x, face_color(solid, 1, dir.y, rays), face_color(solid, 0, dir.x, rays));
   pixels.color = select(z_over_xy, face_color(solid, 2, dir.z, rays), pixels.color);
   if (!with_normal) return;
   pixels.normal = {zero_if(y_over_x | z_over_xy, face_normal(dir.x)), value_if(without(y_over_x, z_over_xy), face_normal(dir.y)),
                    value_if(z_over_xy, face_normal(dir.z))};
-}
-
-// Returns the outward normal of a curved surface.
-HWY_INLINE F3 outward_normal(const trace::Shape& shape, const F3& at) {
-  const float radius = shape.half_extents[0], middle = shape.half_extents[2] - radius;
-  switch (shape.kind) {
-    case trace::ShapeKind::cylinder:
-      return {at.x * (1.0F / radius), at.y * (1.0F / radius), 0.0F};
-    case trace::ShapeKind::capsule:
-      return normalised({at.x, at.y, at.z - min(max(at.z, -middle), middle)});
-    default:
-      return normalised(at);
-  }
 }
 
 template <bool kShadows, Detail kDetail>
@@ -285,11 +267,7 @@ HWY_INLINE void color_round(const Shading::Tables& tables, const ShadedSolid& so
     }
   }
   if (solid.shape->kind != trace::ShapeKind::cylinder) return;
-  // Points of the side are `radius` away from the axis, up to rounding. r^2 - radius^2 is 2 radius times the rounding error.
-  const float radius = solid.shape->half_extents[0], half_height = solid.shape->half_extents[2];
-  const F beyond = at.x * at.x + at.y * at.y - radius * radius;
-  const F from_cap = abs(abs(at.z) - half_height);
-  const Mask cap = half_height > 0.0F ? from_cap * (2.0F * radius) < abs(beyond) : Mask(true);
+  const Mask cap = is_on_cap(*solid.shape, at);
   if (none(cap)) return;
   pixels.color = select(cap, face_color(solid, 2, dir.z, rays), pixels.color);
   pixels.normal = select(cap, {0.0F, 0.0F, face_normal(dir.z)}, pixels.normal);

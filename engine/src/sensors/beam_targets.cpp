@@ -1,0 +1,140 @@
+#include "sensors/beam_targets.hpp"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "sensors/beam_targets.cpp"
+#include <hwy/foreach_target.h>
+// Highway's own headers come after foreach_target.
+#include <hwy/highway.h>
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+#include "base/wide-inl.hpp"
+#include "flockstep/body.hpp"
+#include "flockstep/world.hpp"
+#include "trace/normals-inl.hpp"
+#include "world/triangle_normal.hpp"
+
+HWY_BEFORE_NAMESPACE();
+namespace flockstep::sensors::HWY_NAMESPACE {
+using namespace flockstep::HWY_NAMESPACE;  // the wide type
+using namespace flockstep::trace::HWY_NAMESPACE;
+
+using F = WideUpTo<trace::kRayPadding>;
+using F3 = Wide3<F>;
+
+// Returns the magnitude of the cosine at a point of a solid. direction: unit, in the solid's frame like the point.
+HWY_INLINE F cosine_at(const trace::Shape& shape, const F3& at, const F3& direction) {
+  if (shape.kind == trace::ShapeKind::box) {
+    const auto [y_over_x, z_over_xy] = nearest_face(shape, at);
+    return abs(select(z_over_xy, direction.z, select(y_over_x, direction.y, direction.x)));
+  }
+  const F cosine = abs(dot(outward_normal(shape, at), direction));
+  return shape.kind == trace::ShapeKind::cylinder ? select(is_on_cap(shape, at), abs(direction.z), cosine) : cosine;
+}
+
+void at_solid(const trace::Shape& shape, const BeamRun& run, float* cosines) {
+  const Vec3 offset = run.origin - Vec3(shape.center[0], shape.center[1], shape.center[2]);
+  const Vec3 o = shape.aligned ? offset : trace::rotated(shape.to_local, offset);
+  for (std::size_t i = 0; i < run.count; i += F::kCount) {
+    const F3 in_world = rotate(run.rotation, F3::load_unaligned(run.x + i, run.y + i, run.z + i));
+    const F3 direction = shape.aligned ? in_world : rotate(shape.to_local, in_world);
+    const F range = F::load_first(run.count - i, run.ranges + i);
+    const F3 at{o.x() + range * direction.x, o.y() + range * direction.y, o.z() + range * direction.z};
+    cosine_at(shape, at, direction).store_unaligned(cosines + i);
+  }
+}
+
+void at_plane(const Vec3& normal, const BeamRun& run, float* cosines) {
+  for (std::size_t i = 0; i < run.count; i += F::kCount) {
+    const F3 direction = rotate(run.rotation, F3::load_unaligned(run.x + i, run.y + i, run.z + i));
+    abs(dot(direction, F3{normal.x(), normal.y(), normal.z()})).store_unaligned(cosines + i);
+  }
+}
+
+}  // namespace flockstep::sensors::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace flockstep::sensors {
+
+HWY_EXPORT(at_solid);
+HWY_EXPORT(at_plane);
+
+namespace {
+
+void at_solid(const trace::Shape& shape, const BeamRun& run, float* cosines) {
+  HWY_DYNAMIC_DISPATCH(at_solid)(shape, run, cosines);
+}
+void at_plane(const Vec3& normal, const BeamRun& run, float* cosines) { HWY_DYNAMIC_DISPATCH(at_plane)(normal, run, cosines); }
+
+std::size_t number_of(const trace::RayHit& hit, const trace::Bodies& among) {
+  return static_cast<std::size_t>(hit.element - among.first_element);
+}
+
+const Material& material_of(const World& world, std::size_t triangle) {
+  return world.materials()[world.triangles().materials[triangle]];
+}
+
+}  // namespace
+
+BeamTargets::BeamTargets(const trace::Scene& scene_in, const render::VisibleBodies& bodies_in, const trace::Bodies& drones_in)
+    : scene(scene_in), bodies(bodies_in), drones(drones_in) {
+  bodies.shapes.first_element = scene.first_triangle() + static_cast<std::int32_t>(scene.num_triangles());
+  drones.first_element = bodies.shapes.first_element + static_cast<std::int32_t>(bodies.shapes.count);
+}
+
+render::Surface BeamTargets::surface(const trace::RayHit& hit) const {
+  if (is_of_world(hit)) {
+    const World& world = scene.world();
+    const auto element = static_cast<std::size_t>(hit.element), num_primitives = world.primitives().size();
+    const bool is_primitive = element < num_primitives;
+    const std::size_t triangle = element - num_primitives;  // for triangles
+    const std::uint16_t material = is_primitive ? world.primitives()[element].material : world.triangles().materials[triangle];
+    const std::size_t object = is_primitive ? element : num_primitives + world.triangles().objects[triangle];
+    return {.color = world.materials()[material].base_color,
+            .semantic = world.semantic(material),
+            .instance = static_cast<std::uint16_t>(1 + object)};
+  }
+  if (is_drone(hit)) {
+    return {.color = render::kHullColor,
+            .semantic = kSemanticDrone,
+            .instance = static_cast<std::uint16_t>(kFirstDroneInstance + number_of(hit, drones))};
+  }
+  const std::size_t number = number_of(hit, bodies.shapes);
+  const render::BodySurface& body = bodies.surface(number);
+  return {
+      .color = body.mesh == nullptr ? body.color : material_of(**body.mesh, static_cast<std::size_t>(hit.triangle)).base_color,
+      .semantic = body.semantic,
+      .instance = bodies.instance(number)};
+}
+
+void BeamTargets::write_cosines(const trace::RayHit& hit, const BeamRun& run, trace::RayFloats& cosines) const {
+  if (is_of_world(hit)) {
+    if (hit.element < scene.first_triangle()) return at_solid(scene.shape(static_cast<std::size_t>(hit.element)), run, cosines);
+    const auto triangle = static_cast<std::size_t>(hit.element - scene.first_triangle());
+    return at_plane(triangle_normal(scene.world().triangles(), triangle).cast<float>(), run, cosines);
+  }
+  if (is_drone(hit)) {
+    const std::size_t number = number_of(hit, drones);
+    const float* const q = drones.quat_wxyz + 4 * number;
+    const Mat3 to_drone = Quat(q[0], q[1], q[2], q[3]).toRotationMatrix().transpose();
+    const Vec3 origin = trace::rotated(to_drone, run.origin - Vec3::Map(drones.position + 3 * number));
+    for (std::size_t i = 0; i < run.count; ++i) {
+      const Vec3 direction = trace::rotated(to_drone, trace::rotated(run.rotation, {run.x[i], run.y[i], run.z[i]}));
+      cosines[i] = std::abs(drones.common_hull->normal_at(origin + run.ranges[i] * direction).dot(direction));
+    }
+    return;
+  }
+  const std::size_t number = number_of(hit, bodies.shapes);
+  if (bodies.shapes.mesh(number) == nullptr) {
+    return at_solid(trace::make_shape(trace::posed_solid(bodies.shapes, number)), run, cosines);
+  }
+  const trace::PosedMesh mesh = trace::posed_mesh(bodies.shapes, number);
+  const Vec3 normal = triangle_normal(mesh.scene->world().triangles(), static_cast<std::size_t>(hit.triangle)).cast<float>();
+  at_plane(trace::rotated(mesh.to_local.transpose(), normal), run, cosines);
+}
+
+}  // namespace flockstep::sensors
+#endif
