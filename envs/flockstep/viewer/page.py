@@ -53,8 +53,8 @@ def flight_in(path: str | PathLike[str]) -> Recording | str:
     if suffix not in (".html", ".mcap"):
         raise ValueError(f"path: expected a name that ends with .html or .mcap, got {fspath(path)!r}")
     if not os.path.isfile(path):
-        what = "a directory" if os.path.isdir(path) else "no file"
-        raise ValueError(f"path: expected a file, got {fspath(path)!r}, which is {what}")
+        kind = "is a directory" if os.path.isdir(path) else "is no file" if os.path.exists(path) else "does not exist"
+        raise ValueError(f"path: expected a file, got {fspath(path)!r}, which {kind}")
     try:
         if suffix == ".mcap":
             return Recording(path)

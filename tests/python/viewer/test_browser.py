@@ -75,6 +75,9 @@ def test_play_scrub_and_choose(tab, flight, flight_page):
         pose = tab.evaluate("[...flockstep.page.stage.pose()].slice(0, 3)")
         before, after = flight["position"][step, 0].astype(float), flight["position"][step + 1, 0].astype(float)
         np.testing.assert_allclose(pose, before + part * (after - before), atol=1e-6)
+    right = "each.getBoundingClientRect().right > each.closest('section').getBoundingClientRect().right"
+    assert tab.locator(".legend span").count() > 5
+    assert tab.evaluate(f"[...document.querySelectorAll('.legend span')].filter(each => {right}).length") == 0
     tab.keyboard.press("n")
     assert tab.evaluate("flockstep.page.choice.drone") == 1
     tab.select_option("#env", "1")
