@@ -6,8 +6,6 @@ namespace {
 
 using namespace testing;
 
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
-
 // Batch::Lidar::scan() reads what sense() has read, errors by surfaces included.
 TEST(LidarScan, IsTheReadingOfItsDrone) {
   LidarConfig lidar{.channels = 8, .beams = 50, .hfov_deg = 360.0F, .vfov_deg = 40.0F, .max_range_m = 8.0F};
