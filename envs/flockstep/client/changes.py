@@ -25,7 +25,8 @@ class LidarChanges(TypedDict, total=False):
         Beams of a channel, counter-clockwise from -hfov/2 to +hfov/2, both included (at 360 without the end). At
         most 262144 in all channels. Values: [1, 262144].
     channels
-        Channels, from -vfov/2 to +vfov/2, both included. A single channel has elevation 0. Values: [1, 262144].
+        Channels, from -vfov/2 to +vfov/2 around the middle, both included. A single one lies there. Values: [1,
+        262144].
     """
 
     max_range_m: float | None

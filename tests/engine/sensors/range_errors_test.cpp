@@ -9,7 +9,6 @@ namespace {
 
 using namespace testing;
 
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr std::size_t kCount = 1'000'000;
 
 PhiloxInput input_of(std::uint64_t seed, std::uint32_t index = 0) { return input_of_draw(seed, 1, 0x81234567U, index); }
