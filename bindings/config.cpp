@@ -402,7 +402,17 @@ void register_config(py::module_& module) {
   register_fields<LidarConfig>(module, "LidarConfig")
       .def_property_readonly("shape", [](const LidarConfig& c) { return py::make_tuple(c.rows(), c.columns()); })
       .def_static("preset", &LidarConfig::preset, py::arg("product"));
+  register_fields<DepthErrors>(module, "DepthErrors");
+  register_fields<ColorErrors>(module, "ColorErrors");
   register_fields<CameraConfig>(module, "CameraConfig")
+      .def_static("preset", &CameraConfig::preset, py::arg("product"))
+      .def(
+          "stereo_pair",
+          [](const CameraConfig& camera, float baseline_m) {
+            const auto [left, right] = camera.stereo_pair(baseline_m);
+            return py::make_tuple(left, right);
+          },
+          py::arg("baseline_m"))
       .def_property_readonly("fx", [](const CameraConfig& camera) { return camera.fx(); })
       .def_property_readonly("fy", [](const CameraConfig& camera) { return camera.fy(); })
       .def_property_readonly("cx", [](const CameraConfig& c) { return 0.5 * c.width_px; })

@@ -85,6 +85,21 @@ class LidarConfig:
         """
 
 @final
+class DepthErrors:
+    """How the depth images of a camera err: {depth_errors.hpp: They apply in ... and image}."""
+
+    # fields of DepthErrors
+
+@final
+class ColorErrors:
+    """How the colours of a camera err: {color_errors.hpp: in linear light ... 12 bits}.
+
+    {color_errors.hpp: They apply in ... channel and image}.
+    """
+
+    # fields of ColorErrors
+
+@final
 class CameraConfig:
     """A pinhole camera.
 
@@ -112,6 +127,37 @@ class CameraConfig:
     @property
     def image_size_px(self) -> tuple[int, int]:
         """Size (width, height) of the written images: ``resize`` if set, otherwise ``(width_px, height_px)``."""
+
+    @staticmethod
+    def preset(product: str) -> CameraConfig:
+        """Return the depth camera of a product, with its errors, named like it.
+
+        Parameters
+        ----------
+        product
+            Its name, such as ``"d435"``.
+
+        Raises
+        ------
+        ValueError
+            There is none of this name. The message lists all.
+        """
+
+    def stereo_pair(self, baseline_m: float) -> tuple[CameraConfig, CameraConfig]:
+        """Return this camera as the left one of a stereo pair, and the right one.
+
+        Their names end in ``_left`` and ``_right``.
+
+        Parameters
+        ----------
+        baseline_m
+            Distance of the right camera, to the right, in (0, 10] m.
+
+        Raises
+        ------
+        ValueError
+            The distance is not in this range, or the camera is not valid.
+        """
 
 class Server:
     """{server.hpp: Lets other processes}.

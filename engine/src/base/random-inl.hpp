@@ -9,8 +9,11 @@
 
 #include <hwy/highway.h>
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <numbers>
+#include <span>
 
 #include "base/random.hpp"
 #include "base/wide-inl.hpp"
@@ -106,6 +109,21 @@ HWY_INLINE NormalPair<F> normal_pair_of(WordsOf<F> radius_word, WordsOf<F> angle
   const F along = flip_sign(select(is_odd, sine, cosine), bit_cast<F>(shift_left<30>(quadrant + 1)));
   const F across = flip_sign(select(is_odd, cosine, sine), bit_cast<F>(shift_left<30>(quadrant)));
   return {radius * along, radius * across};
+}
+
+// Fills a list with independent standard normal numbers, four from each of consecutive draws.
+template <class F>
+HWY_INLINE void write_normals(PhiloxInput draw, std::span<float> list) {
+  constexpr std::size_t kNumbers = 4 * F::kCount;  // of a vector of draws
+  alignas(64) float numbers[kNumbers];
+  for (std::size_t first = 0; first < list.size(); first += kNumbers) {
+    const auto words = philox_draws<WordsOf<F>>(draw);
+    const NormalPair<F> one = normal_pair_of<F>(words.a, words.b), other = normal_pair_of<F>(words.c, words.d);
+    hn::StoreInterleaved4(one.first.part[0], one.second.part[0], other.first.part[0], other.second.part[0], typename F::Tag(),
+                          numbers);
+    std::copy_n(numbers, std::min(kNumbers, list.size() - first), list.data() + first);
+    draw.counter[0] += static_cast<std::uint32_t>(F::kCount);
+  }
 }
 
 }  // namespace flockstep::HWY_NAMESPACE

@@ -11,6 +11,7 @@
 #include "base/check_fields.hpp"
 #include "base/in_world.hpp"
 #include "base/pose_access.hpp"
+#include "base/random.hpp"
 #include "base/require.hpp"
 #include "flockstep/sensors/camera.hpp"
 #include "prepared/prepared_world.hpp"
@@ -30,6 +31,10 @@ float CameraConfig::fx() const { return hfov_deg || !vfov_deg ? focal_length(wid
 
 float CameraConfig::fy() const { return vfov_deg ? focal_length(height_px, *vfov_deg) : fx(); }
 
+void DepthErrors::validate() const { check_fields(*this, "camera.depth_errors."); }
+
+void ColorErrors::validate() const { check_fields(*this, "camera.color_errors."); }
+
 void CameraConfig::validate() const {
   check_fields(*this, "camera.");
   // Checks both fields of view, since one may be derived from the other.
@@ -43,6 +48,14 @@ void CameraConfig::validate() const {
   bool any = false;
   for_each_field(outputs, [&](const auto&, bool chosen) { any = any || chosen; });
   require(any, "camera.outputs", "at least one of rgb, depth, semantic, instance, normal, grey, hsv", "none");
+  if (depth_errors != DepthErrors()) {
+    require(outputs.depth, "camera.depth_errors", "DepthErrors() without the output depth", "others");
+    require(depth_kind == DepthKind::planar, "camera.depth_kind", "\"planar\" with depth_errors", "\"range\"");
+    require(depth_errors.min_range_m < far_m, "camera.depth_errors.min_range_m", "less than camera.far_m",
+            depth_errors.min_range_m);
+  }
+  require(outputs.any_color() || outputs.hsv || color_errors == ColorErrors(), "camera.color_errors",
+          "ColorErrors() without an output rgb, grey or hsv", "others");
   if (!resize) {
     require(pool == Pool::mean, "camera.pool", "\"mean\" without resize (set resize=(width, height) of the images)",
             std::string("\"") + EnumNames<Pool>::kNames[static_cast<std::size_t>(pool)] + '"');
@@ -95,7 +108,12 @@ Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t
       rendered_pixels_(area(config.width_px, config.height_px)),
       settings_(config, num_drones, false, &render::make_pinhole_camera),
       mounting_(num_drones, matrix_of(config.quat_wxyz)),
-      delay_(config, label(), 0, clock, drones_per_env, num_drones) {  // frames are taken after steps, whatever the rate
+      delay_(config, label(), 0, clock, drones_per_env, num_drones),  // frames are taken after steps, whatever the rate
+      has_depth_errors_(config.depth_errors != DepthErrors()),
+      has_color_errors_(config.color_errors != ColorErrors()),
+      errors_(stream_named("errors of " + label())),
+      blotch_threshold_(blotch_threshold(config.depth_errors.blotches)),
+      color_levels_(has_color_errors_ ? make_levels(config.color_errors) : std::vector<std::uint8_t>()) {
   flockstep::allocate(taken_, {.num_drones = num_drones});
   allocate_images(images_, config.outputs, num_drones, pixels_);
   if (config.resize) {
@@ -207,23 +225,56 @@ render::RenderRequest Camera::request(DroneIndex drone, const World& world, cons
                                 .policy = policy_,
                                 .bodies = bodies_.of_env(drone / drones_per_env_, bodies_per_env_),
                                 .drones = drones_.seen_by(drone, drones_per_env_)};
-  // Frames are rendered directly into the camera's images, unless they must be converted first.
+  request.frame = targets(drone);
+  return request;
+}
+
+render::RenderTargets Camera::targets(DroneIndex drone) {
+  // Frames are rendered directly into the camera's images, unless they must be resized or only hsv is written.
   const auto image = [&](auto CameraImages::* output, std::size_t values) {
     const bool is_direct = (frames_.*output).empty() && !resample_;
     auto& frames = is_direct ? written().*output : frames_.*output;
     return frames.empty() ? nullptr
                           : frames.data() + (is_direct ? row_of(drone) : std::size_t{drone}) * rendered_pixels_ * values;
   };
-  request.frame = {.rgb = image(&CameraImages::rgb, 3),
-                   .depth = image(&CameraImages::depth, 1),
-                   .semantic = image(&CameraImages::semantic, 1),
-                   .instance = image(&CameraImages::instance, 1),
-                   .normal = image(&CameraImages::normal, 3),
-                   .grey = image(&CameraImages::grey, 1)};
-  return request;
+  return {.rgb = image(&CameraImages::rgb, 3),
+          .depth = image(&CameraImages::depth, 1),
+          .semantic = image(&CameraImages::semantic, 1),
+          .instance = image(&CameraImages::instance, 1),
+          .normal = image(&CameraImages::normal, 3),
+          .grey = image(&CameraImages::grey, 1)};
 }
 
-void Camera::convert(DroneIndex drone, ConversionScratch& scratch) {
+// Errors are added in place: nothing reads the exact images, so that they need no memory of their own.
+void Camera::add_errors(DroneIndex drone, const State& state, ConversionScratch& scratch) {
+  const render::RenderTargets frame = targets(drone);
+  const render::PinholeCamera& pinhole = settings_.optics(drone);
+  const auto reading = static_cast<std::uint32_t>(written().frame_step[row_of(drone)]);
+  const auto first = static_cast<std::uint32_t>(4 * rendered_pixels_) * reading;  // more draws than any of the errors uses
+  const auto draw = [&](std::uint32_t number) {
+    return input_of_draw(state, RandomKey::of(drone, drones_per_env_), errors_, first, number);
+  };
+  const auto width = static_cast<std::size_t>(config_.width_px), height = static_cast<std::size_t>(config_.height_px);
+  if (has_depth_errors_) {
+    add_depth_errors(config_.depth_errors, blotch_threshold_,
+                     {.depths = {frame.depth, rendered_pixels_}, .width = width, .fx = pinhole.fx, .far_m = config_.far_m},
+                     draw(0), draw(1), scratch.depth_errors);
+  }
+  if (!has_color_errors_) return;
+  const auto add = [&](std::uint8_t* values, std::size_t planes, std::size_t channels, std::uint32_t number) {
+    if (values == nullptr) return;
+    add_color_errors(config_.color_errors, color_levels_, pinhole,
+                     {.values = values, .width = width, .height = height, .planes = planes, .channels = channels}, draw(number),
+                     scratch.color_errors);
+  };
+  const bool apart = config_.layout == ImageLayout::chw;
+  add(frame.rgb, apart ? 3 : 1, apart ? 1 : 3, 2);
+  add(frame.grey, 1, 1, 3);
+}
+
+void Camera::convert(DroneIndex drone, const State& state, ConversionScratch& scratch) {
+  if (errs()) add_errors(drone, state, scratch);
+  if (!resample_ && !config_.outputs.hsv) return;
   CameraImages& images = written();
   const auto of_row = [&](auto& image, std::size_t values) { return image.data() + row_of(drone) * pixels_ * values; };
   const auto rendered = [&](auto& images, std::size_t values) { return images.data() + drone * rendered_pixels_ * values; };
@@ -266,7 +317,7 @@ void Camera::visit(ArrayVisitor& visitor) {
   visitor.array("frame_age_s", images_.age_s);
   if (is_late()) rings_.visit(visitor);
   delay_.visit(visitor);
-  if (bodies_per_env_ > 0 || sees_drones_ || is_late()) visit_images(visitor);
+  if (bodies_per_env_ > 0 || sees_drones_ || is_late() || errs()) visit_images(visitor);
 }
 
 void Camera::visit_images(ArrayVisitor& visitor) {

@@ -19,7 +19,9 @@
 #include "flockstep/world.hpp"
 #include "imaging/resample.hpp"
 #include "render/render_request.hpp"
+#include "sensors/color_errors.hpp"
 #include "sensors/delay.hpp"
+#include "sensors/depth_errors.hpp"
 #include "sensors/drone_settings.hpp"
 #include "sensors/sensor.hpp"
 
@@ -30,6 +32,8 @@ struct ConversionScratch {
   imaging::ResampleScratch resample;
   imaging::HsvScratch hsv;
   std::vector<std::uint8_t> rgb;  // resized image, used only to compute hsv
+  DepthScratch depth_errors;
+  ColorScratch color_errors;
 };
 
 class Camera final : public Sensor {
@@ -79,13 +83,15 @@ class Camera final : public Sensor {
   render::RenderRequest retake(DroneIndex drone, const World& world);
   // True if frames arrive later than they are taken, or may be lost.
   bool is_late() const { return delay_.is_late(); }
+  // True if images err. A snapshot then holds them, because the seed may have changed since their frames were taken.
+  bool errs() const { return has_depth_errors_ || has_color_errors_; }
   // Brings the image and its age up to date, when the frames of this step are rendered.
   void publish(DroneIndex drone, const State& state);
 
-  // True if the written images differ from the rendered ones because images are resized or hsv is computed. Each frame must
+  // True if the written images differ from the rendered ones because they err, are resized, or hsv is computed. Each frame must
   // then be converted after rendering.
-  bool converts() const { return resample_.has_value() || config_.outputs.hsv; }
-  void convert(DroneIndex drone, ConversionScratch& scratch);
+  bool converts() const { return resample_.has_value() || config_.outputs.hsv || errs(); }
+  void convert(DroneIndex drone, const State& state, ConversionScratch& scratch);
 
   // Returns the index of the world in the drone's frame. With visit() and retake(), this is all that a restored frame needs.
   std::int32_t taken_world(DroneIndex drone) const { return taken_.world[drone]; }
@@ -122,6 +128,8 @@ class Camera final : public Sensor {
     }
   };
   render::RenderRequest request(DroneIndex drone, const World& world, const Pose& pose);
+  render::RenderTargets targets(DroneIndex drone);  // the images that the renderer writes
+  void add_errors(DroneIndex drone, const State& state, ConversionScratch& scratch);
   // Frames are written to the published images, or to a ring until they arrive.
   CameraImages& written() { return is_late() ? rings_.arrays() : images_; }
   std::size_t row_of(DroneIndex drone) const { return is_late() ? delay_.newest(drone) : std::size_t{drone}; }
@@ -140,7 +148,11 @@ class Camera final : public Sensor {
   Delay delay_;
   Rings<CameraImages> rings_;
   std::optional<imaging::Resample> resample_;
-  CameraImages frames_;  // rendered images, if they differ from the written ones
+  bool has_depth_errors_, has_color_errors_;
+  Stream errors_;                           // random numbers of the errors
+  float blotch_threshold_;                  // see add_depth_errors()
+  std::vector<std::uint8_t> color_levels_;  // see add_color_errors()
+  CameraImages frames_;                     // rendered images, if they differ from the written ones
   render::VisibleBodies bodies_;
   std::size_t bodies_per_env_ = 0;
   render::VisibleBodies drones_;

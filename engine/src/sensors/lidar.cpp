@@ -9,14 +9,12 @@
 #include <span>
 #include <string>
 #include <string_view>
-#include <vector>
 
 #include "base/check_fields.hpp"
-#include "base/excerpt.hpp"
-#include "base/nearest_name.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
 #include "flockstep/sensors/lidar.hpp"
+#include "sensors/presets.hpp"
 #include "sensors/range_errors.hpp"
 
 namespace flockstep {
@@ -100,14 +98,7 @@ LidarConfig LidarConfig::preset(std::string_view product) {
                   .max_range_m = 4.0F,
                   .errors = {.noise_std_m = 0.0053F, .resolution_m = 0.001F, .min_range_m = 0.02F, .dropout = 0.01F}},
   };
-  std::vector<std::string_view> known;
-  std::string expected = "one of";
-  for (const LidarConfig& preset : presets) {
-    if (preset.name == product) return preset;
-    known.push_back(preset.name);
-    expected += (known.size() == 1 ? " " : ", ") + preset.name;
-  }
-  refuse("LidarConfig.preset", expected, quoted_excerpt(product) + did_you_mean(product, known));
+  return sensors::preset_named(product, presets, "LidarConfig.preset");
 }
 
 }  // namespace flockstep

@@ -132,6 +132,8 @@ int count_refused(const std::string& prefix) {
 TEST(CheckFields, IsCalledByEachConfiguration) {
   EXPECT_EQ(count_refused<LidarConfig>("lidar."), 26);
   EXPECT_EQ(count_refused<CameraConfig>("camera."), 24);
+  EXPECT_EQ(count_refused<DepthErrors>("camera.depth_errors."), 21);
+  EXPECT_EQ(count_refused<ColorErrors>("camera.color_errors."), 12);
   EXPECT_EQ(count_refused<ColorRange>("color."), 4);
   EXPECT_EQ(count_refused<PoseSensorConfig>("pose_sensor."), 9);
   EXPECT_EQ(count_refused<ImuConfig>("imu."), 15);

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, placed, world_of
 from messages import refused
-from philox import named_stream, philox
+from philox import named_stream, normals, uniform_pairs, words
 
 import flockstep
 from flockstep import LidarConfig, RangeErrors
@@ -20,21 +20,16 @@ POSES = [[2, 4, 2], [5, 3, 1], [1, 6, 3], [4, 4, 2]]
 BEAMS = {"channels": 3, "beams": 11, "hfov_deg": 200, "vfov_deg": 20, "max_range_m": 4.5}
 
 
-def words(count, reading, seed, *, episode=0, member=0, number=0):
+def words_of(count, reading, seed, *, number=0, **of_drone):
     """Return four random words of each draw of a reading of ``count`` beams."""
     draws = (count + 1) // 2
-    index = (np.arange(draws, dtype=np.uint64) + np.uint64(draws * reading)) & np.uint64(0xFFFFFFFF)
-    stream = named_stream("range errors") ^ (number << 16)
-    return philox([index, stream, episode, member << 12], [seed, 0])
+    return words(named_stream("range errors") ^ (number << 16), draws * reading, draws, seed, **of_drone)
 
 
 def disturbed(ranges, errors, max_range, drawn):
     """Return readings of these ranges, from the equations of the documents in float64."""
     a, b, c, d = drawn
-    radius = np.sqrt(-2 * np.log(((a >> np.uint64(1)).astype(float) + 1) / 2**31))
-    angle = 2 * np.pi * b / 2**32
-    normal = np.stack([radius * np.cos(angle), radius * np.sin(angle)], 1).ravel()[: ranges.size]
-    uniform = np.stack([c >> np.uint64(8), d >> np.uint64(8)], 1).ravel()[: ranges.size] / 2**24
+    normal, uniform = normals(a, b)[: ranges.size], uniform_pairs(c, d)[: ranges.size]
     exact = np.where(np.isinf(ranges), max_range, ranges).astype(float).ravel()
     read = np.maximum(exact + errors.bias_m + (errors.noise_std_m + errors.noise_per_m * exact) * normal, 0)
     if errors.resolution_m > 0:
@@ -62,7 +57,7 @@ def test_readings_are_those_of_the_twin(drones_per_env):
         for drone in range(len(POSES)):
             env, member = divmod(drone, drones_per_env)
             exact = batch.lidar("exact").ranges[drone]
-            drawn = words(exact.size, number, env + 5, episode=int(batch.episode[env]), member=member, number=1)
+            drawn = words_of(exact.size, number, env + 5, episode=int(batch.episode[env]), member=member, number=1)
             expected = disturbed(exact, EVERY, BEAMS["max_range_m"], drawn)
             got = batch.lidar("erring").ranges[drone]
             np.testing.assert_array_equal(np.isinf(got), np.isinf(expected))

@@ -252,13 +252,18 @@ def test_lidar_settings(client, batch):
     assert client.drone(2).get_lidar_data().ranges.shape == (3, 4)
 
 
-def test_a_lidar_that_errs(room, connect):
-    errors = flockstep.RangeErrors(noise_std_m=0.5, dropout=0.2)
-    batch = placed([room], START, lidar=flockstep.LidarConfig(errors=errors))
+def test_sensors_that_err(room, connect):
+    lidar = flockstep.LidarConfig(errors=flockstep.RangeErrors(noise_std_m=0.5, dropout=0.2))
+    errors = flockstep.DepthErrors(noise_std_m=0.5, hole_m=0)
+    camera = flockstep.CameraConfig(width_px=8, height_px=6, outputs=["depth"], depth_errors=errors)
+    batch = placed([room], START, lidar=lidar, camera=camera)
     batch.sense()
     with served(batch, connect) as client:
         assert client.drone(1).get_lidar_config() == batch.lidar().config
         np.testing.assert_array_equal(client.drone(1).get_lidar_data().ranges, batch.lidar().ranges[1])
+        assert client.drone(1).get_camera_config().depth_errors == errors
+        depth = client.drone(1).get_camera_data(format="raw", output="depth").image
+        np.testing.assert_array_equal(depth, batch.camera().depth[1])
 
 
 def test_move_lines(client, batch):

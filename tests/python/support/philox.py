@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 def philox(counter: list[int], key: list[int]) -> list[int]:
     """Philox 4x32-10 from the paper (Salmon et al., SC11)."""
@@ -11,6 +14,24 @@ def philox(counter: list[int], key: list[int]) -> list[int]:
         c = [(b >> 32) ^ c[1] ^ k[0], b & 0xFFFFFFFF, (a >> 32) ^ c[3] ^ k[1], a & 0xFFFFFFFF]
         k = [(k[0] + 0x9E3779B9) & 0xFFFFFFFF, (k[1] + 0xBB67AE85) & 0xFFFFFFFF]
     return c
+
+
+def words(stream: int, first: int, count: int, seed: int, *, episode: int = 0, member: int = 0) -> list[NDArray]:
+    """Four random words of each of consecutive draws of a drone, 4 x (count,)."""
+    index = (np.arange(count, dtype=np.uint64) + np.uint64(first)) & np.uint64(0xFFFFFFFF)
+    return philox([index, stream, episode, member << 12], [seed, 0])
+
+
+def normals(radius: NDArray, angle: NDArray) -> NDArray:
+    """Standard normal numbers of pairs of words, (2 count,), by Box and Muller."""
+    length = np.sqrt(-2 * np.log(((radius >> np.uint64(1)).astype(float) + 1) / 2**31))
+    turn = 2 * np.pi * angle / 2**32
+    return np.stack([length * np.cos(turn), length * np.sin(turn)], 1).ravel()
+
+
+def uniform_pairs(one: NDArray, other: NDArray) -> NDArray:
+    """Numbers in [0, 1) of pairs of words, (2 count,)."""
+    return np.stack([one >> np.uint64(8), other >> np.uint64(8)], 1).ravel() / 2**24
 
 
 def named_stream(name: str) -> int:

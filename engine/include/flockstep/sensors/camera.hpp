@@ -5,10 +5,13 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
+#include "flockstep/sensors/color_errors.hpp"
+#include "flockstep/sensors/depth_errors.hpp"
 #include "flockstep/sensors/sensor_fields.hpp"
 
 namespace flockstep {
@@ -95,6 +98,8 @@ struct CameraConfig {
   float loss = 0.0F;
   std::optional<std::array<int, 2>> resize;
   Pool pool = Pool::mean;
+  DepthErrors depth_errors;
+  ColorErrors color_errors;
 
   static constexpr int kMaxSide = 8192;  // px, maximum width and height of an image
 
@@ -133,19 +138,18 @@ struct CameraConfig {
               {.about = "Samples per pixel, averaged, for colours only. Other outputs are taken at the pixel's centre.",
                .limits = one_of(1, 4, 9, 16)}),
         field("adaptive_samples", &C::adaptive_samples,
-              {.about = "Take all samples only where colours differ by more than 8 of 255 among 3 x 3 pixels, one elsewhere: "
-                        "nearly equal images in less time. ``\"gl\"`` takes all."}),
+              {.about = "Take all samples only where colours differ by more than 8 of 255 among 3 x 3 pixels, which saves "
+                        "time. ``\"gl\"`` takes all."}),
         field("shadows", &C::shadows,
               {.about = "Shadows of the sun, cast by everything except markers and a room's walls and ceiling."}),
-        field(
-            "sun_size_deg", &C::sun_size_deg,
-            {.about = "Angle across the sun, which blurs the edges of shadows: each sample sees one point of the sun's disc. 0: "
-                      "hard shadows. The real sun's is 0.53. Only with ``shadows``.",
-             .unit = "deg",
-             .limits = between(0.0, 20.0)}),
+        field("sun_size_deg", &C::sun_size_deg,
+              {.about = "Angle across the sun, which blurs the edges of shadows. 0: hard shadows. The real sun's is 0.53. Only "
+                        "with ``shadows``.",
+               .unit = "deg",
+               .limits = between(0.0, 20.0)}),
         field("ambient_occlusion_rays", &C::ambient_occlusion_rays,
-              {.about = "Rays per sample that find what hides the sky and the ground: their light is multiplied by the share of "
-                        "rays that hit nothing within 1.5 m, which darkens corners. 0: no darkening. Only by ``\"raycast\"``.",
+              {.about = "Rays per sample that darken corners: the light of sky and ground is multiplied by the share of rays "
+                        "that hit nothing within 1.5 m. Only by ``\"raycast\"``.",
                .limits = between(0, 16)}),
         field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency),
         field("jitter_s", &C::jitter_s, kSensorJitter), field("loss", &C::loss, kSensorLoss),
@@ -156,8 +160,17 @@ struct CameraConfig {
         field("pool", &C::pool,
               {.about = "How ``resize`` combines pixels. ``\"mean\"``: by area, like OpenCV's INTER_AREA. "
                         "``\"min\"``, ``\"max\"``: of each channel. Depth with mean or max is inf if any pixel misses, with min "
-                        "if all do."}));
+                        "if all do."}),
+        field("depth_errors", &C::depth_errors, {.about = "How planar depths err."}),
+        field("color_errors", &C::color_errors, {.about = "How colours err. ``grey`` has noise of its own."}));
   }
+
+  // Returns the depth camera of a product, such as "d435", with its errors; docs/reference/sensors.md lists the products. Throws
+  // std::invalid_argument that lists the names.
+  FLOCKSTEP_API static CameraConfig preset(std::string_view product);
+  // Returns this camera as the left one of a stereo pair, and the right one, baseline_m to its right. Their names end in _left
+  // and _right. Throws std::invalid_argument if the baseline is not in (0, 10].
+  FLOCKSTEP_API std::array<CameraConfig, 2> stereo_pair(float baseline_m) const;
 
   // True if images need rays for ambient occlusion or for a sun of some size.
   bool has_soft_light() const { return ambient_occlusion_rays > 0 || sun_size_deg > 0.0F; }
