@@ -11,11 +11,10 @@
 #include <vector>
 
 #include "base/check_fields.hpp"
-#include "base/excerpt.hpp"
-#include "base/nearest_name.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
 #include "flockstep/sensors/lidar.hpp"
+#include "sensors/preset.hpp"
 #include "sensors/range_errors.hpp"
 
 namespace flockstep {
@@ -85,14 +84,7 @@ LidarConfig LidarConfig::preset(std::string_view product) {
                   .max_range_m = 4.0F,
                   .errors = {.noise_std_m = 0.0053F, .resolution_m = 0.001F, .min_range_m = 0.02F, .dropout = 0.01F}},
   };
-  std::vector<std::string_view> known;
-  std::string expected = "one of";
-  for (const LidarConfig& preset : presets) {
-    if (preset.name == product) return preset;
-    known.push_back(preset.name);
-    expected += (known.size() == 1 ? " " : ", ") + preset.name;
-  }
-  refuse("LidarConfig.preset", expected, quoted_excerpt(product) + did_you_mean(product, known));
+  return sensors::preset_named(product, presets, "LidarConfig.preset");
 }
 
 }  // namespace flockstep
@@ -126,7 +118,8 @@ trace::TracePolicy policy_of(const LidarConfig& config, TracerKind tracer) {
 
 // Errors are added in place: nothing reads the exact ranges, so that they need no memory of their own.
 Lidar::Lidar(const LidarConfig& config, const SensorSetup& setup)
-    : SensorOf("lidar", config.name, config, setup, {.num_drones = setup.num_drones, .num_rays = rays_of(config)}, false),
+    : SensorOf("lidar", config.name, config, setup,
+               allocated<LidarReadings>({.num_drones = setup.num_drones, .num_rays = rays_of(config)}), false),
       config_(config),
       policy_(policy_of(config, setup.tracer)),
       rays_(rays_of(config)),

@@ -97,7 +97,8 @@ struct SensorSetup {
   TracerKind tracer = TracerKind::automatic;
   std::size_t drones_per_env = 1;
   std::size_t num_drones = 0;
-  std::uint32_t number = 0;  // number among the sensors of its kind on a drone
+  bool has_velocities = false;  // the drones' motion has velocities
+  std::uint32_t number = 0;     // number among the sensors of its kind on a drone
 };
 
 // The drones and worlds that sensors measure, and the working memory of one thread.
@@ -155,10 +156,10 @@ class BlockSensor : public Sensor {
 template <HasFields Arrays>
 class Readings {
  public:
-  void allocate(const ArraySizes& sizes, bool has_errors, bool is_late) {
-    flockstep::allocate(truth_, sizes);
-    if (has_errors) flockstep::allocate(noisy_.emplace(), sizes);
-    if (is_late) flockstep::allocate(published_.emplace(), sizes);
+  void allocate(const Arrays& cleared, bool has_errors, bool is_late) {
+    truth_ = cleared;
+    if (has_errors) noisy_ = cleared;
+    if (is_late) published_ = cleared;
   }
 
   Arrays& truth() { return truth_; }
@@ -188,14 +189,14 @@ class Readings {
 template <HasFields Arrays>
 class SensorOf : public BlockSensor {
  public:
-  // sizes: of its arrays
+  // cleared: its arrays before the first reading
   template <class Config>
-  SensorOf(std::string kind, std::string name, const Config& config, const SensorSetup& setup, const ArraySizes& sizes,
+  SensorOf(std::string kind, std::string name, const Config& config, const SensorSetup& setup, const Arrays& cleared,
            bool has_errors)
       : BlockSensor(std::move(kind), std::move(name), config.rate_hz, setup.clock),
         drones_per_env_(setup.drones_per_env),
         delay_(config, label(), period(), setup.clock, setup.drones_per_env, setup.num_drones) {
-    readings_.allocate(sizes, has_errors, delay_.is_late());
+    readings_.allocate(cleared, has_errors, delay_.is_late());
     if (delay_.is_late()) rings_.allocate(readings_.published(), setup.num_drones, delay_.num_rows());
   }
 

@@ -133,8 +133,8 @@ TEST(CheckFields, IsCalledByEachConfiguration) {
   EXPECT_EQ(count_refused<LidarConfig>("lidar."), 22);
   EXPECT_EQ(count_refused<CameraConfig>("camera."), 24);
   EXPECT_EQ(count_refused<ColorRange>("color."), 4);
-  EXPECT_EQ(count_refused<PoseSensorConfig>("pose_sensor."), 9);
-  EXPECT_EQ(count_refused<ImuConfig>("imu."), 15);
+  EXPECT_EQ(count_refused<PoseSensorConfig>("pose_sensor."), 19);
+  EXPECT_EQ(count_refused<ImuConfig>("imu."), 29);
   EXPECT_EQ(count_refused<EpisodeConfig>(""), 3);
   EXPECT_EQ(count_refused<ClockConfig>(""), 4);
   EXPECT_EQ(count_refused<ObservationConfig>("observed."), 8);
