@@ -106,8 +106,7 @@ struct CameraConfig {
         field("height_px", &C::height_px,
               {.about = "Height of the rendered image.", .unit = "px", .limits = between(1, kMaxSide)}),
         field("hfov_deg", &C::hfov_deg,
-              {.about = "Horizontal field of view. If you give only one of ``hfov_deg`` and ``vfov_deg``, pixels are square. If "
-                        "neither, ``hfov_deg`` is 90.",
+              {.about = "Horizontal field of view. With only one of the two, pixels are square. With neither, this one is 90.",
                .unit = "deg",
                .limits = between(0.1, 179)}),
         field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0.1, 179)}),
@@ -133,25 +132,26 @@ struct CameraConfig {
               {.about = "Samples per pixel, averaged, for colours only. Other outputs are taken at the pixel's centre.",
                .limits = one_of(1, 4, 9, 16)}),
         field("adaptive_samples", &C::adaptive_samples,
-              {.about = "Take all samples only where colours differ by more than 8 of 255 among 3 x 3 pixels, one elsewhere: "
-                        "nearly equal images in less time. ``\"gl\"`` takes all."}),
+              {.about = "All samples only where colours differ by more than 8 of 255 among 3 x 3 pixels, one elsewhere. "
+                        "``\"gl\"`` takes all."}),
         field("shadows", &C::shadows,
               {.about = "Shadows of the sun, cast by everything except markers and a room's walls and ceiling."}),
         field(
             "sun_size_deg", &C::sun_size_deg,
-            {.about = "Angle across the sun, which blurs the edges of shadows: each sample sees one point of the sun's disc. 0: "
-                      "hard shadows. The real sun's is 0.53. Only with ``shadows``.",
+            {.about = "Angle across the sun, which blurs the edges of shadows: each sample sees one point of its disc. The real "
+                      "sun's is 0.53. Only with ``shadows``.",
              .unit = "deg",
              .limits = between(0.0, 20.0)}),
-        field("ambient_occlusion_rays", &C::ambient_occlusion_rays,
-              {.about = "Rays per sample that find what hides the sky and the ground: their light is multiplied by the share of "
-                        "rays that hit nothing within 1.5 m, which darkens corners. 0: no darkening. Only by ``\"raycast\"``.",
-               .limits = between(0, 16)}),
+        field(
+            "ambient_occlusion_rays", &C::ambient_occlusion_rays,
+            {.about = "Rays per sample that darken corners: light of sky and ground is multiplied by the share that hits nothing "
+                      "within 1.5 m. Only by ``\"raycast\"``.",
+             .limits = between(0, 16)}),
         field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency),
         field("jitter_s", &C::jitter_s, kSensorJitter), field("loss", &C::loss, kSensorLoss),
         field("resize", &C::resize,
-              {.about = "(width, height) of the written images, at most as rendered. ``fx``, ``fy``, ``cx`` and ``cy`` stay "
-                        "those of the rendered image. Not with the outputs semantic, instance and normal.",
+              {.about = "(width, height) of the written images, at most as rendered. ``fx``, ``fy``, ``cx`` and ``cy`` stay. Not "
+                        "with semantic, instance and normal.",
                .unit = "px"}),
         field("pool", &C::pool,
               {.about = "How ``resize`` combines pixels. ``\"mean\"``: by area, like OpenCV's INTER_AREA. "
