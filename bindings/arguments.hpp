@@ -54,6 +54,9 @@ void add_batch_fields(const pybind11::object& cls, const std::type_info& type, s
 // A list of sensors of one kind, as BatchConfig has them.
 template <class Value>
 concept SensorList = requires(const Value& list) { list.front().rate_hz; };
+// The same if the first one has its arrays as attributes of the batch. The LiDARs and cameras have classes of their own.
+template <class Value>
+concept HasFirstArrays = SensorList<Value> && requires { typename Value::value_type::Readings; };
 
 // The keyword of a field of BatchConfig: lists of sensors have a short one, because mostly there is one of each. Empty for the
 // number of envs, which every call that makes a batch takes in a form of its own.

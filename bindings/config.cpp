@@ -261,17 +261,14 @@ void register_results(py::module_& module, const char* name, const char* doc) {
   cls.attr("_results") = descriptions;
 }
 
-constexpr bool is_one_word(std::string_view name) {
-  return !name.empty() && std::ranges::all_of(name, [](char c) { return c >= 'a' && c <= 'z'; });
-}
-
-// Returns the class name of a task's configuration: its name, in upper case, and "Config".
-template <class Config>
-std::string class_name_of() {
-  static_assert(is_one_word(Config::kName));
-  std::string name = Config::kName;
-  name[0] = static_cast<char>(name[0] - 'a' + 'A');
-  return name + "Config";
+// Returns the class name of a configuration: "gps_receiver" becomes "GpsReceiverConfig".
+std::string class_name_of(std::string_view name) {
+  std::string made;
+  for (std::size_t i = 0; i < name.size(); ++i) {
+    const bool starts = i == 0 || name[i - 1] == '_';
+    if (name[i] != '_') made += starts ? static_cast<char>(name[i] - 'a' + 'A') : name[i];
+  }
+  return made + "Config";
 }
 
 // Returns the words of a task as a docstring.
@@ -422,14 +419,16 @@ void register_config(py::module_& module) {
   register_fields<ColorRange>(module, "ColorRange",
                               "A range of colours: a pixel matches if each channel is in [low, high]. The default matches "
                               "the green of the goal.");
-  register_fields<PoseSensorConfig>(module, "PoseSensorConfig", "Exact pose, with optional Gaussian noise.");
-  register_fields<ImuConfig>(
-      module, "ImuConfig",
-      "An inertial measurement unit. It requires ``motion=\"rotors\"``.\n\n"
-      "The accelerometer measures all acceleration except gravity: +9.81 m/s^2 along the body's z at rest and in hover, 0\n"
-      "in free fall. It does not measure impacts. In a tick with a contact it reads only gravity and, if it is mounted off\n"
-      "the centre, the centripetal acceleration. The noise follows Kalibr's model: white noise, given by its density, and a\n"
-      "bias that drifts from 0 in each episode.");
+  register_fields<PoseSensorConfig>(module, "PoseSensorConfig", "Exact pose, with optional noise and drift.");
+  const BatchConfig batch;
+  for_each_field(batch, [&]<class Value>(const auto& field, const Value&) {
+    if constexpr (HasFirstArrays<Value>) {
+      using Config = typename Value::value_type;
+      register_fields<Config>(module, class_name_of(keyword_of(field.name)).c_str(), Config::kAbout)
+          .def_static("preset", &Config::preset, py::arg("product"),
+                      "Return one with the errors of a product or simulator. `ValueError` lists the names.");
+    }
+  });
   register_fields<BodyMotion>(module, "BodyMotion",
                               "The script that moves a body. Its pose is a function of the time since the episode began.");
   register_fields<BodyConfig>(module, "BodyConfig",
@@ -465,7 +464,7 @@ void register_config(py::module_& module) {
   py::dict tasks;
   for_each_task([&]<class Config>(std::type_identity<Config>) {
     const TaskWords words = Config::words();
-    auto cls = register_fields<Config>(module, class_name_of<Config>().c_str(), docstring_of(Config::kAbout, words).c_str());
+    auto cls = register_fields<Config>(module, class_name_of(Config::kName).c_str(), docstring_of(Config::kAbout, words).c_str());
     cls.attr("_about") = Config::kAbout;
     cls.attr("_words") = words_of(words);
     if constexpr (std::is_same_v<Config, NavigationConfig>) {

@@ -95,6 +95,11 @@ void document_fields(const py::handle& config) {
   const py::object init = config.attr("__dict__")["__init__"];
   const std::string signature = "(self, " + arguments(fields, "Fields", true) + ')';
   document_function(function_of(init.ptr()), "__init__", signature, "The class documents the arguments.");
+  if (!config.attr("__dict__").contains("preset")) return;
+  const py::object preset = config.attr("__dict__")["preset"].attr("__func__");
+  const std::string doc = py::str(preset.attr("__doc__")), end = "\n\n";  // of pybind11's signature, if core.pyi has none
+  if (!doc.starts_with("preset(")) return;
+  document_function(function_of(preset.ptr()), "preset", "(product)", doc.substr(doc.find(end) + end.size()));
 }
 
 }  // namespace

@@ -81,10 +81,6 @@ std::size_t camera_of(const Batch& batch, const std::optional<std::string>& name
   return batch.camera(name.value_or("")).index();
 }
 
-// A list of sensors whose first one has its arrays as attributes of the batch. The LiDARs and cameras have classes of their own.
-template <class Value>
-concept HasFirstArrays = SensorList<Value> && requires { typename Value::value_type::Readings; };
-
 // The word for such a sensor, which writes its arrays.
 template <HasFirstArrays List>
 std::string noun_of() {

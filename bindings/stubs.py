@@ -137,6 +137,13 @@ def property_text(name: str, kind: str, doc: str) -> str:
     return f'    @property\n    def {name}(self) -> {kind}:\n        """{doc}"""\n'
 
 
+def preset_text(name: str) -> str:
+    """Return the method with the presets of a configuration, if it has some."""
+    preset = getattr(getattr(_core, name), "preset", None)
+    head = f"    @staticmethod\n    def preset(product: str) -> {name}:\n        "
+    return f'{head}"""{inspect.getdoc(preset)}"""\n' if preset else ""
+
+
 def array_properties(match: re.Match[str]) -> str:
     """Return the properties of a class that view arrays."""
     arrays = getattr(_core, match[1])._arrays
@@ -194,7 +201,7 @@ def stub_text() -> str:
     template = with_comments(TEMPLATE.read_text(encoding="utf-8"))
     named = set(re.findall(r"^class (\w+)", template, re.MULTILINE))
     classes = [name for name, item in vars(_core).items() if hasattr(item, "_fields") and name not in named]
-    made = "".join(f"@final\nclass {name}:\n    # fields of {name}\n\n" for name in classes)
+    made = "".join(f"@final\nclass {name}:\n    # fields of {name}\n{preset_text(name)}\n" for name in classes)
     results = [name for name, item in vars(_core).items() if hasattr(item, "_results")]
     made += "".join(f"@final\nclass {name}:\n{results_class(name)}\n" for name in results)
     tasks = " | ".join(config.__name__ for config in _core.engine_tasks.values())

@@ -177,7 +177,10 @@ py::array_t<float> to_body(const Terms& terms, const py::object& given, const ch
   return result;
 }
 
-py::array_t<float> body_velocity(const Terms& terms) { return to_body(terms, terms.owner.attr("velocity"), "velocity", false); }
+py::array_t<float> body_velocity(const Terms& terms) {
+  const char* const name = terms.batch().pose_readings().velocity.empty() ? "velocity" : "sensed_velocity";
+  return to_body(terms, terms.owner.attr(name), name, false);
+}
 
 py::array_t<float> neighbors(const Terms& terms, int count, const py::object& velocity) {
   require(count >= 1, "count", "an integer >= 1", count);
@@ -186,6 +189,7 @@ py::array_t<float> neighbors(const Terms& terms, int count, const py::object& ve
   const auto n = static_cast<py::ssize_t>(terms.size());
   const auto given = floats(velocity, "velocity", {n, 3});
   std::span<const float> velocities = given;
+  if (velocities.empty()) velocities = batch.pose_readings().velocity;
   if (velocities.empty()) velocities = state.flight.velocity;
   py::array_t<float> block({n, static_cast<py::ssize_t>(count), static_cast<py::ssize_t>(kNeighborSize)});
   const std::span<float> rows(block.mutable_data(), static_cast<std::size_t>(block.size()));

@@ -7,17 +7,21 @@ from typing import TYPE_CHECKING, Literal, TypedDict
 
 if TYPE_CHECKING:
     from flockstep._core import (
+        BarometerConfig,
         BodyConfig,
         CameraConfig,
         ClockConfig,
         ColorRange,
         DynamicsConfig,
         EpisodeConfig,
+        GpsReceiverConfig,
         ImuConfig,
         LidarConfig,
         Light,
+        MagnetometerConfig,
         NavigationReward,
         ObservationConfig,
+        OpticalFlowConfig,
         PoseSensorConfig,
         Variation,
         WindConfig,
@@ -41,9 +45,9 @@ class EnvKeywords(TypedDict, total=False):
     block_size
         Envs that a thread takes at once. 0: the engine chooses. No result depends on it.
     lidar
-        The LiDARs of each drone, with different names.
+        The LiDARs of each drone.
     camera
-        The cameras of each drone, with different names. One camera has at most 2^32 pixels over all drones.
+        The cameras of each drone. One camera has at most 2^32 pixels over all drones.
     camera_backend
         Renderer of cameras. ``"raycast"``: the engine's own tracing, without a GPU, bit-identical for any number of
         threads. ``"gl"``: OpenGL 4.5 through EGL, without shadows and fog. If it is missing, raycast with a warning.
@@ -54,7 +58,15 @@ class EnvKeywords(TypedDict, total=False):
     pose_sensor
         The pose sensor of each drone.
     imu
-        The IMUs of each drone, with different names. They need simulated rotors.
+        The IMUs of each drone.
+    barometer
+        The barometers of each drone.
+    magnetometer
+        The magnetometers of each drone.
+    gps_receiver
+        The GPS receivers of each drone.
+    optical_flow
+        The optical flow sensors of each drone.
     bodies
         Bodies in every env at an episode's beginning, after those of its world.
     max_bodies
@@ -131,6 +143,10 @@ class EnvKeywords(TypedDict, total=False):
     tracer: Literal["auto", "tiles", "slices", "embree"] | None
     pose_sensor: PoseSensorConfig | None
     imu: ImuConfig | Sequence[ImuConfig] | None
+    barometer: BarometerConfig | Sequence[BarometerConfig] | None
+    magnetometer: MagnetometerConfig | Sequence[MagnetometerConfig] | None
+    gps_receiver: GpsReceiverConfig | Sequence[GpsReceiverConfig] | None
+    optical_flow: OpticalFlowConfig | Sequence[OpticalFlowConfig] | None
     bodies: BodyConfig | Sequence[BodyConfig] | None
     max_bodies: int | None
     lights: Light | Sequence[Light] | None

@@ -147,6 +147,14 @@ void allocate(T& arrays, const ArraySizes& sizes) {
   for_each_listed(arrays, [&](const auto& entry, auto& values) { allocate(entry, values, sizes); });
 }
 
+// Returns arrays of these sizes with absent values.
+template <HasFields T>
+T allocated(const ArraySizes& sizes) {
+  T arrays;
+  allocate(arrays, sizes);
+  return arrays;
+}
+
 // Shape of the items of a row: terms, channels x beams, height x width, or rotors.
 struct ItemShape {
   std::array<std::int64_t, 2> sizes{1, 1};  // number of items along each dimension

@@ -15,10 +15,14 @@
 #include "flockstep/fields.hpp"
 #include "flockstep/interaction.hpp"
 #include "flockstep/light.hpp"
+#include "flockstep/sensors/barometer.hpp"
 #include "flockstep/sensors/camera.hpp"
+#include "flockstep/sensors/gps_receiver.hpp"
 #include "flockstep/sensors/imu.hpp"
 #include "flockstep/sensors/lidar.hpp"
+#include "flockstep/sensors/magnetometer.hpp"
 #include "flockstep/sensors/observation.hpp"
+#include "flockstep/sensors/optical_flow.hpp"
 #include "flockstep/sensors/pose_sensor.hpp"
 
 namespace flockstep {
@@ -43,6 +47,10 @@ struct BatchConfig {
   TracerKind tracer = TracerKind::automatic;
   PoseSensorConfig pose_sensor;
   std::vector<ImuConfig> imus;
+  std::vector<BarometerConfig> barometers;
+  std::vector<MagnetometerConfig> magnetometers;
+  std::vector<GpsReceiverConfig> gps_receivers;
+  std::vector<OpticalFlowConfig> optical_flows;
   std::vector<BodyConfig> bodies;
   int max_bodies = 0;
   std::vector<Light> lights;
@@ -85,9 +93,9 @@ struct BatchConfig {
               {.about = "Envs that a thread takes at once. 0: the engine chooses. No result depends on it.",
                .limits = at_least(0),
                .affects_hash = AffectsHash::no}),
-        field("lidars", &C::lidars, {.about = "The LiDARs of each drone, with different names."}),
+        field("lidars", &C::lidars, {.about = "The LiDARs of each drone."}),
         field("cameras", &C::cameras,
-              {.about = "The cameras of each drone, with different names. One camera has at most 2^32 pixels over all drones."}),
+              {.about = "The cameras of each drone. One camera has at most 2^32 pixels over all drones."}),
         field("camera_backend", &C::camera_backend,
               {.about = "Renderer of cameras. ``\"raycast\"``: the engine's own tracing, without a GPU, bit-identical for any "
                         "number of threads. ``\"gl\"``: OpenGL 4.5 through EGL, without shadows and fog. If it is missing, "
@@ -97,7 +105,11 @@ struct BatchConfig {
               {.about = "Method that traces rays against triangles. ``\"auto\"``: the fastest for each sensor. ``\"slices\"``, "
                         "``\"tiles\"``, ``\"embree\"``: for comparison."}),
         field("pose_sensor", &C::pose_sensor, {.about = "The pose sensor of each drone."}),
-        field("imus", &C::imus, {.about = "The IMUs of each drone, with different names. They need simulated rotors."}),
+        field("imus", &C::imus, {.about = "The IMUs of each drone."}),
+        field("barometers", &C::barometers, {.about = "The barometers of each drone."}),
+        field("magnetometers", &C::magnetometers, {.about = "The magnetometers of each drone."}),
+        field("gps_receivers", &C::gps_receivers, {.about = "The GPS receivers of each drone."}),
+        field("optical_flows", &C::optical_flows, {.about = "The optical flow sensors of each drone."}),
         field("bodies", &C::bodies, {.about = "Bodies in every env at an episode's beginning, after those of its world."}),
         field("max_bodies", &C::max_bodies,
               {.about = "Slots for bodies in each env, B. Free ones are for ``batch.bodies.spawn()``. 0: as many as an episode "

@@ -101,6 +101,13 @@ class TaskContext {
     return {Vec3(p[0], p[1], p[2]), Quat(q[0], q[1], q[2], q[3])};
   }
 
+  // Velocities of all drones, (N, 3) m/s, world frame, as the pose sensor read them last, or exact if it does not measure them.
+  // Empty with kinematic motion.
+  const std::vector<float>& sensed_velocity() const {
+    const std::vector<float>& sensed = pose_readings().velocity;
+    return sensed.empty() ? state().flight.velocity : sensed;
+  }
+
   // Returns a uniform number in [0, 1), keyed by the env's seed and episode, the stream and the index. Streams are below 2^31;
   // use a separate stream for each purpose. The key of a drone also contains its number in the env. The first drone of an env
   // draws the same numbers as its env.

@@ -89,12 +89,12 @@ concept SensorConfig = requires(const T& config) { config.rate_hz; };
 template <class Value>
 void check_sensors(const std::string& field, const Value& value, const BatchConfig& batch) {
   if constexpr (SensorConfig<Value>) {
+    if constexpr (requires { value.check_motion(batch.dynamics); }) value.check_motion(batch.dynamics);
     sensors::period_in_ticks(value.rate_hz, batch.clock, field + ".rate_hz");
   } else if constexpr (requires { requires SensorConfig<typename Value::value_type>; }) {
     const std::string kind = field.substr(0, field.size() - 1);  // "lidars" becomes "lidar"
     for (auto config = value.begin(); config != value.end(); ++config) {
-      if constexpr (requires { config->check_motion(batch.dynamics); }) config->check_motion(batch.dynamics);
-      sensors::period_in_ticks(config->rate_hz, batch.clock, kind + ".rate_hz");
+      check_sensors(kind, *config, batch);
       const auto same = [&](const auto& other) { return other.name == config->name; };
       require(std::none_of(value.begin(), config, same), kind + ".name", "a name that no other " + kind + " has",
               '"' + config->name + '"');

@@ -1,12 +1,16 @@
 #include "flockstep/sensors/imu.hpp"
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
+#include <numbers>
+#include <optional>
 #include <span>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/check_fields.hpp"
@@ -15,15 +19,47 @@
 #include "flockstep/airframe.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/state.hpp"
-#include "sensors/sensor.hpp"
+#include "sensors/flown_motion.hpp"
+#include "sensors/noisy_sensor.hpp"
+#include "sensors/presets.hpp"
+#include "sensors/rows.hpp"
 
 namespace flockstep {
 
 void ImuConfig::validate() const { check_fields(*this, "imu."); }
 
 void ImuConfig::check_motion(const DynamicsConfig& dynamics) const {
-  require(!dynamics.is_kinematic(), "imu", "None for kinematic motion (it has no accelerations: give motion=\"rotors\")",
-          "an ImuConfig");
+  const auto require_still = [&](float vibration, const char* name) {
+    require(!dynamics.is_kinematic() || vibration == 0.0F, name,
+            "0 for kinematic motion (it has no rotors: give motion=\"rotors\")", vibration);
+  };
+  require_still(accelerometer_vibration_mps2, "imu.accelerometer_vibration_mps2");
+  require_still(gyroscope_vibration_radps, "imu.gyroscope_vibration_radps");
+}
+
+ImuConfig ImuConfig::preset(std::string_view product) {
+  const std::array presets{
+      ImuConfig{.name = "mpu-6000",
+                .accelerometer_noise_density = 2.35e-3F,
+                .accelerometer_random_walk = 3.5e-4F,
+                .accelerometer_bias_time_s = 800.0F,
+                .gyroscope_noise_density = 8.7e-5F,
+                .gyroscope_random_walk = 2.2e-5F,
+                .gyroscope_bias_time_s = 500.0F},
+      ImuConfig{.name = "bmi088",
+                .accelerometer_noise_density = 1.57e-3F,
+                .accelerometer_random_walk = 1.36e-3F,
+                .gyroscope_noise_density = 2.44e-4F,
+                .gyroscope_random_walk = 1.44e-5F},
+      ImuConfig{.name = "vn-100",
+                .accelerometer_noise_density = 1.373e-3F,
+                .accelerometer_random_walk = 9.8e-7F,
+                .gyroscope_noise_density = 6.11e-5F,
+                .gyroscope_random_walk = 2.65e-5F,
+                .accelerometer_range_mps2 = 100.0F,
+                .gyroscope_range_radps = 10.0F},
+  };
+  return sensors::preset_named(product, presets, "ImuConfig.preset");
 }
 
 namespace sensors {
@@ -32,121 +68,100 @@ namespace {
 // Stream of the noise, in the numbers of Stream.
 constexpr auto kNoiseStream = static_cast<Stream>(0x80000006U);
 
-Vec3 of_row(const std::vector<float>& values, DroneIndex drone) {
-  return {values[3 * drone], values[3 * drone + 1], values[3 * drone + 2]};
+bool has_noise(const ImuConfig& config) {
+  return config.accelerometer_noise_density > 0.0F || config.gyroscope_noise_density > 0.0F ||
+         config.accelerometer_vibration_mps2 > 0.0F || config.gyroscope_vibration_radps > 0.0F ||
+         config.accelerometer_range_mps2 || config.gyroscope_range_radps;
 }
 
-void put(const Vec3& value, std::vector<float>& values, DroneIndex drone) {
-  std::copy_n(value.data(), 3, values.data() + 3 * drone);
-}
+constexpr std::size_t kBiases = 6;
 
-double seconds_between(std::int64_t period, const ClockConfig& clock) {
-  return period == 0 ? clock.step_s() : static_cast<double>(period) * clock.dt_s();
+// The biases of both instruments, then 3 x 3 numbers for each: the errors of its scale, and the angles of its axes.
+std::array<Drift, kBiases + 18> drifts_of(const ImuConfig& config) {
+  const float angle_std = radians(config.misalignment_std_deg);
+  std::array<Drift, kBiases + 18> drifts;
+  for (std::size_t i = 0; i < drifts.size(); ++i) {
+    drifts[i] =
+        i < 3 ? Drift{config.accelerometer_random_walk, config.accelerometer_bias_time_s, config.accelerometer_bias_std_mps2}
+        : i < kBiases ? Drift{config.gyroscope_random_walk, config.gyroscope_bias_time_s, config.gyroscope_bias_std_radps}
+                      : Drift{.start_std = (i - kBiases) % 9 % 4 == 0 ? config.scale_std : angle_std};
+  }
+  return drifts;
 }
 
 // An accelerometer and a gyroscope on each drone.
-class Imu final : public SensorOf<ImuReadings> {
+class Imu final : public NoisySensor<ImuReadings> {
  public:
   Imu(const ImuConfig& config, const SensorSetup& setup);
 
-  // Sets the biases of the drone to 0 at the current tick of its env.
   void begin(DroneIndex drone, const State& state) override;
   void visit(ArrayVisitor& visitor) override;
+  void check() const override;
 
  private:
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
-  // A drone's noise is a function of its env's seed and episode, its number in the env, and the number of the reading. The
-  // biases walk with the time since the last reading, so a second reading in the same tick has the same biases.
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
-  static bool has_errors(const ImuConfig& config) {
-    return config.accelerometer_noise_density > 0.0F || config.accelerometer_random_walk > 0.0F ||
-           config.gyroscope_noise_density > 0.0F || config.gyroscope_random_walk > 0.0F;
-  }
 
-  struct Bias {
-    std::vector<float> accelerometer;
-    std::vector<float> gyroscope;
-    std::vector<std::int64_t> tick;  // tick of the last update
+  // Returns the direction of the unbalanced force, body frame: the sum over the rotors, times the squares of their speeds in
+  // 1000 rad/s. The force of a rotor turns with it.
+  Vec3 advance_vibration(const State& state, DroneIndex drone);
 
-    static constexpr auto fields() {
-      using C = Bias;
-      constexpr auto info = [](int columns, const char* about) {
-        return ArrayInfo{.columns = columns, .access = Access::internal, .writer = "IMU", .about = about};
-      };
-      return field_list(array("accelerometer_bias", &C::accelerometer, info(3, "bias of the accelerometer, m/s^2")),
-                        array("gyroscope_bias", &C::gyroscope, info(3, "bias of the gyroscope, rad/s")),
-                        array("bias_tick", &C::tick, info(0, "tick of the episode at which they were last advanced")));
-    }
-  };
-  // Change of a bias over a time span: the bias is multiplied by `keep`, then noise of standard deviation `gain` is added.
-  struct Walk {
-    float keep = 1.0F;
-    float gain = 0.0F;
-  };
-  // Noise of one of the two instruments.
-  struct Noise {
-    Noise(float density, float random_walk, float bias_time_s, double interval_s);
-    Walk walk_over(double seconds) const;
-
-    double random_walk;
-    double bias_time_s;
-    float white;        // standard deviation of a reading
-    Walk per_interval;  // walk between two regular readings
-  };
-
-  bool has_errors_;
-  std::uint32_t number_;   // number among the drone's IMUs; each has its own noise
-  std::int64_t interval_;  // ticks between regular readings
-  double dt_s_;            // s, length of a tick
+  ImuConfig config_;
+  double dt_s_;  // s, length of a tick
   Vec3 offset_;
-  Mat3 to_sensor_;  // rotation, body to sensor
-  Noise accelerometer_, gyroscope_;
-  Bias bias_;
+  Mat3 to_sensor_;                               // rotation, body to sensor
+  float accelerometer_white_, gyroscope_white_;  // standard deviations of a reading's white noise
+  // Angles of the rotors since the episode began, (N, kMaxRotors) rad, at a tick (N,). Empty without vibration.
+  std::vector<float> rotor_angle_;
+  std::vector<std::int64_t> rotor_tick_;
+  std::optional<FlownMotion> flown_;  // unless the state has the motion
 };
 
 // White noise of density s has the standard deviation s / sqrt(d) in readings that are d seconds apart.
-Imu::Noise::Noise(float density, float walk, float time, double d)
-    : random_walk(static_cast<double>(walk)),
-      bias_time_s(static_cast<double>(time)),
-      white(static_cast<float>(static_cast<double>(density) / std::sqrt(d))),
-      per_interval(walk_over(d)) {}
-
-// In d seconds, a bias driven by white noise of density w gains the standard deviation w sqrt(d). With a correlation time T
-// it gains w sqrt(T/2 (1 - e^(-2d/T))).
-Imu::Walk Imu::Noise::walk_over(double d) const {
-  const double t = bias_time_s;
-  const double gain = t > 0.0 ? std::sqrt(0.5 * t * -std::expm1(-2.0 * d / t)) : std::sqrt(d);
-  return {t > 0.0 ? static_cast<float>(std::exp(-d / t)) : 1.0F, static_cast<float>(random_walk * gain)};
+float white_std(float density, std::int64_t period, const ClockConfig& clock) {
+  const double d = period == 0 ? clock.step_s() : static_cast<double>(period) * clock.dt_s();
+  return static_cast<float>(static_cast<double>(density) / std::sqrt(d));
 }
 
 Imu::Imu(const ImuConfig& config, const SensorSetup& setup)
-    : SensorOf("imu", config.name, config, setup, {.num_drones = setup.num_drones}, has_errors(config)),
-      has_errors_(has_errors(config)),
-      number_(setup.number),
-      interval_(period() == 0 ? setup.clock.substeps() : period()),
+    : NoisySensor("imu", config.name, config, setup, kNoiseStream, allocated<ImuReadings>({.num_drones = setup.num_drones}),
+                  has_noise(config), drifts_of(config)),
+      config_(config),
       dt_s_(setup.clock.dt_s()),
       offset_(config.offset_m[0], config.offset_m[1], config.offset_m[2]),
-      to_sensor_(Quat(config.quat_wxyz[0], config.quat_wxyz[1], config.quat_wxyz[2], config.quat_wxyz[3])
-                     .normalized()
-                     .toRotationMatrix()
-                     .transpose()),
-      accelerometer_(config.accelerometer_noise_density, config.accelerometer_random_walk, config.accelerometer_bias_time_s,
-                     seconds_between(period(), setup.clock)),
-      gyroscope_(config.gyroscope_noise_density, config.gyroscope_random_walk, config.gyroscope_bias_time_s,
-                 seconds_between(period(), setup.clock)) {
-  allocate(bias_, {.num_drones = setup.num_drones});
+      to_sensor_(rotation_to_sensor(config.quat_wxyz)),
+      accelerometer_white_(white_std(config.accelerometer_noise_density, period(), setup.clock)),
+      gyroscope_white_(white_std(config.gyroscope_noise_density, period(), setup.clock)) {
+  const bool vibrates = config.accelerometer_vibration_mps2 > 0.0F || config.gyroscope_vibration_radps > 0.0F;
+  rotor_angle_.resize(vibrates ? kMaxRotors * setup.num_drones : 0);
+  rotor_tick_.assign(vibrates ? setup.num_drones : 0, -1);
+  if (!setup.has_velocities) flown_.emplace(setup);
 }
 
 void Imu::begin(DroneIndex drone, const State& state) {
-  SensorOf::begin(drone, state);
-  put(Vec3::Zero(), bias_.accelerometer, drone);
-  put(Vec3::Zero(), bias_.gyroscope, drone);
-  bias_.tick[drone] = state.tick[RandomKey::of(drone, drones_per_env_).env];
+  NoisySensor::begin(drone, state);
+  if (!rotor_tick_.empty()) rotor_tick_[drone] = -1;
+  if (flown_) flown_->begin(drone);
 }
 
 void Imu::visit(ArrayVisitor& visitor) {
-  SensorOf::visit(visitor);
-  visitor.fields(bias_);
+  NoisySensor::visit(visitor);
+  if (flown_) flown_->visit(visitor);
+  if (rotor_tick_.empty()) return;
+  visitor.array("rotor_angle", rotor_angle_);
+  visitor.array("rotor_tick", rotor_tick_);
+}
+
+void Imu::check() const {
+  NoisySensor::check();
+  if (flown_) flown_->check();
+  check_values(rotor_angle_, "rotor_angle", Values::finite);
+  check_values(rotor_tick_, "rotor_tick", Values::last_count);
+}
+
+Kinematics kinematics_of(const FlightState& flight, DroneIndex drone) {
+  return {{of_row(flight.velocity, drone), of_row(flight.angular_velocity, drone)},
+          {of_row(flight.acceleration, drone), of_row(flight.angular_acceleration, drone)}};
 }
 
 // The accelerometer measures all forces except gravity, R^T (dv/dt + g e3). An offset r adds dw/dt x r + w x (w x r).
@@ -154,9 +169,9 @@ void Imu::measure(std::span<const DroneIndex> drones, const Surroundings& surrou
   const State& state = surroundings.state;
   ImuReadings& truth = readings_.truth();
   for (const DroneIndex drone : drones) {
-    const Vec3 turn = of_row(state.flight.angular_velocity, drone);
-    const Vec3 turning = of_row(state.flight.angular_acceleration, drone);
-    const Vec3 felt = of_row(state.flight.acceleration, drone) + Vec3(0.0F, 0.0F, static_cast<float>(kGravity));
+    const Kinematics motion = flown_ ? flown_->advance(state, drone) : kinematics_of(state.flight, drone);
+    const Vec3 turn = motion.velocity.angular, turning = motion.acceleration.angular;
+    const Vec3 felt = motion.acceleration.linear + Vec3(0.0F, 0.0F, static_cast<float>(kGravity));
     const Vec3 at_sensor =
         pose_of(state, drone).rotation.conjugate() * felt + turning.cross(offset_) + turn.cross(turn.cross(offset_));
     put(to_sensor_ * at_sensor, truth.accelerometer, drone);
@@ -164,35 +179,53 @@ void Imu::measure(std::span<const DroneIndex> drones, const Surroundings& surrou
   }
 }
 
+Vec3 Imu::advance_vibration(const State& state, DroneIndex drone) {
+  const std::size_t rotors = state.flight.rotor_speed.size() / rotor_tick_.size();
+  const float* const speed = state.flight.rotor_speed.data() + rotors * drone;
+  const RandomKey key = RandomKey::of(drone, drones_per_env_);
+  const std::int64_t now = state.tick[key.env], before = std::exchange(rotor_tick_[drone], now);
+  constexpr float kTurn = 2.0F * std::numbers::pi_v<float>;
+  Vec3 direction = Vec3::Zero();
+  for (std::size_t rotor = 0; rotor < rotors; ++rotor) {
+    float& angle = rotor_angle_[kMaxRotors * drone + rotor];
+    if (before < 0) {
+      angle = kTurn * uniform01(draw(state, key, stream_named("rotor angles"), static_cast<std::uint32_t>(rotor), number_)[0]);
+    } else {
+      const double turned =
+          static_cast<double>(angle) + static_cast<double>(speed[rotor]) * static_cast<double>(now - before) * dt_s_;
+      angle = static_cast<float>(std::fmod(turned, 2.0 * std::numbers::pi));
+    }
+    const float squared = speed[rotor] * speed[rotor] * 1e-6F;
+    direction += squared * Vec3(std::cos(angle), std::sin(angle), 0.0F);
+  }
+  return direction;
+}
+
 void Imu::add_errors(std::span<const DroneIndex> drones, const State& state) {
   if (!has_errors_) return;
   const ImuReadings& truth = readings_.truth();
   ImuReadings& noisy = readings_.noisy();
   for (const DroneIndex drone : drones) {
-    const RandomKey key = RandomKey::of(drone, drones_per_env_);
-    const EnvIndex env = key.env;
-    constexpr std::uint32_t kDraws = 6;  // draws per reading, two numbers each
-    const std::uint32_t index = kDraws * reading_of(state, env);
-    std::array<float, 2 * kDraws> n;
-    for (std::uint32_t k = 0; k < kDraws; ++k) {
-      const auto [first, second] = normal_pair(draw(state, key, kNoiseStream, index + k, number_));
-      n[2 * k] = first;
-      n[2 * k + 1] = second;
-    }
-    const std::int64_t elapsed = state.tick[env] - bias_.tick[drone];
-    const auto disturbed = [&](const Noise& noise, const float* numbers, std::vector<float>& biases, const Vec3& value) -> Vec3 {
-      Vec3 bias = of_row(biases, drone);
-      if (elapsed > 0) {
-        const Walk walk = elapsed == interval_ ? noise.per_interval : noise.walk_over(static_cast<double>(elapsed) * dt_s_);
-        bias = walk.keep * bias + walk.gain * Vec3(numbers[3], numbers[4], numbers[5]);
-        put(bias, biases, drone);
-      }
-      const Vec3 error = bias + noise.white * Vec3(numbers[0], numbers[1], numbers[2]);
-      return value + error;
+    const std::array<float, 12> n = normals<12>(state, drone);  // for each instrument: noise, then bias
+    const std::array<float, kBiases> moves{n[3], n[4], n[5], n[9], n[10], n[11]};
+    const float* const drift = drifts_.advance(state, drone, moves);
+    const Vec3 direction = rotor_tick_.empty() ? Vec3(Vec3::Zero()) : advance_vibration(state, drone);
+    // The torque of an unbalanced force is at right angles to it.
+    const Vec3 force = to_sensor_ * direction, torque = to_sensor_ * Vec3(-direction.y(), direction.x(), 0.0F);
+    const auto disturbed = [&](const Vec3& value, const float* bias, const float* axes, float white, const float* numbers,
+                               const Vec3& vibration, const std::optional<float>& range) -> Vec3 {
+      const Vec3 felt = value + vibration;
+      const Vec3 error = Vec3::Map(bias) + white * Vec3::Map(numbers);
+      const Vec3 reading = felt + (Mat3::Map(axes) * felt + error);
+      const float most = range.value_or(std::numeric_limits<float>::infinity());
+      return reading.cwiseMax(-most).cwiseMin(most);
     };
-    put(disturbed(accelerometer_, n.data(), bias_.accelerometer, of_row(truth.accelerometer, drone)), noisy.accelerometer, drone);
-    put(disturbed(gyroscope_, n.data() + 6, bias_.gyroscope, of_row(truth.gyroscope, drone)), noisy.gyroscope, drone);
-    bias_.tick[drone] = state.tick[env];
+    put(disturbed(of_row(truth.accelerometer, drone), drift, drift + kBiases, accelerometer_white_, n.data(),
+                  config_.accelerometer_vibration_mps2 * force, config_.accelerometer_range_mps2),
+        noisy.accelerometer, drone);
+    put(disturbed(of_row(truth.gyroscope, drone), drift + 3, drift + kBiases + 9, gyroscope_white_, n.data() + 6,
+                  config_.gyroscope_vibration_radps * torque, config_.gyroscope_range_radps),
+        noisy.gyroscope, drone);
   }
 }
 

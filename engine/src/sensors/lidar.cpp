@@ -143,11 +143,20 @@ trace::TracePolicy policy_of(const LidarConfig& config, TracerKind tracer) {
   return policy;
 }
 
+// Returns the arrays that a LiDAR writes; others stay empty.
+LidarReadings cleared(const LidarConfig& config, std::size_t num_drones) {
+  LidarReadings readings;
+  for_each_listed(readings, [&](const auto& entry, auto& values) {
+    if (is_written(config, entry.name)) allocate(entry, values, {.num_drones = num_drones, .num_rays = rays_of(config)});
+  });
+  return readings;
+}
+
 }  // namespace
 
 // Errors are added in place: nothing reads the exact ranges, so that they need no memory of their own.
 Lidar::Lidar(const LidarConfig& config, const SensorSetup& setup)
-    : SensorOf("lidar", config.name, config, setup, {.num_drones = setup.num_drones, .num_rays = rays_of(config)}, false),
+    : SensorOf("lidar", config.name, config, setup, cleared(config, setup.num_drones), false),
       config_(config),
       policy_(policy_of(config, setup.tracer)),
       rays_(rays_of(config)),

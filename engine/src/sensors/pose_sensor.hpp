@@ -1,18 +1,19 @@
-// PoseSensor: position and orientation, exact or with Gaussian noise.
+// PoseSensor: position and orientation, and if asked the velocity, exact or as an estimate that drifts.
 #pragma once
 
 #include <cstddef>
 #include <memory>
 #include <span>
 
+#include "flockstep/pose.hpp"
 #include "flockstep/sensors/pose_sensor.hpp"
 #include "flockstep/sensors/readings.hpp"
 #include "flockstep/state.hpp"
-#include "sensors/sensor.hpp"
+#include "sensors/noisy_sensor.hpp"
 
 namespace flockstep::sensors {
 
-class PoseSensor final : public SensorOf<PoseReadings> {
+class PoseSensor final : public NoisySensor<PoseReadings> {
  public:
   PoseSensor(const PoseSensorConfig& config, const SensorSetup& setup);
 
@@ -21,8 +22,9 @@ class PoseSensor final : public SensorOf<PoseReadings> {
 
  private:
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
-  // A drone's noise is a function of its env's seed and episode, its number in the env, and the number of the reading.
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
+  // Adds drifts to a drone's pose, and writes its noisy velocity.
+  void add_drift(const State& state, DroneIndex drone, Pose& pose);
 
   PoseSensorConfig config_;
 };

@@ -99,7 +99,8 @@ struct SensorSetup {
   TracerKind tracer = TracerKind::automatic;
   std::size_t drones_per_env = 1;
   std::size_t num_drones = 0;
-  std::uint32_t number = 0;  // number among the sensors of its kind on a drone
+  bool has_velocities = false;  // the drones' motion has velocities
+  std::uint32_t number = 0;     // number among the sensors of its kind on a drone
 };
 
 // The drones and worlds that sensors measure, and the working memory of one thread.
@@ -179,17 +180,10 @@ void for_each_output(Arrays& arrays, const Outputs& outputs, const F& f) {
 template <HasFields Arrays>
 class Readings {
  public:
-  // Arrays for which exists(name) is false stay empty.
-  template <class F>
-  void allocate(const ArraySizes& sizes, bool has_errors, bool is_late, const F& exists) {
-    const auto fill = [&](Arrays& arrays) {
-      for_each_listed(arrays, [&](const auto& entry, auto& values) {
-        if (exists(entry.name)) flockstep::allocate(entry, values, sizes);
-      });
-    };
-    fill(truth_);
-    if (has_errors) fill(noisy_.emplace());
-    if (is_late) fill(published_.emplace());
+  void allocate(const Arrays& cleared, bool has_errors, bool is_late) {
+    truth_ = cleared;
+    if (has_errors) noisy_ = cleared;
+    if (is_late) published_ = cleared;
   }
 
   Arrays& truth() { return truth_; }
@@ -219,14 +213,14 @@ class Readings {
 template <HasFields Arrays>
 class SensorOf : public BlockSensor {
  public:
-  // sizes: of its arrays
+  // cleared: its arrays before the first reading
   template <class Config>
-  SensorOf(std::string kind, std::string name, const Config& config, const SensorSetup& setup, const ArraySizes& sizes,
+  SensorOf(std::string kind, std::string name, const Config& config, const SensorSetup& setup, const Arrays& cleared,
            bool has_errors)
       : BlockSensor(std::move(kind), std::move(name), config.rate_hz, setup.clock),
         drones_per_env_(setup.drones_per_env),
         delay_(config, label(), period(), setup.clock, setup.drones_per_env, setup.num_drones) {
-    readings_.allocate(sizes, has_errors, delay_.is_late(), [&](const char* array) { return is_written(config, array); });
+    readings_.allocate(cleared, has_errors, delay_.is_late());
     if (delay_.is_late()) rings_.allocate(readings_.published(), setup.num_drones, delay_.num_rows());
   }
 

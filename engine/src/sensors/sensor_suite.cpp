@@ -14,7 +14,8 @@ SensorSuite::SensorSuite(const BatchConfig& config) {
   SensorSetup setup{.clock = config.clock,
                     .tracer = config.tracer,
                     .drones_per_env = static_cast<std::size_t>(config.drones_per_env),
-                    .num_drones = static_cast<std::size_t>(config.num_drones())};
+                    .num_drones = static_cast<std::size_t>(config.num_drones()),
+                    .has_velocities = !config.dynamics.is_kinematic()};
   for_each_field(config, [&]<class Value>(const auto&, const Value& value) {
     if constexpr (SensorConfig<Value>) {
       all_.push_back(make_sensor(value, setup));

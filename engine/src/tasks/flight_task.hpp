@@ -25,8 +25,8 @@ inline constexpr std::size_t kOwnFlight = 9;  // numbers of the own flight befor
 inline constexpr float kSpinUnit = 10.0F;     // rad/s, unit of observed and scored angular velocities
 inline constexpr std::uint32_t kStartStream = 0;
 
-inline Vec3 velocity_of(const State& state, DroneIndex drone) {
-  const float* const v = state.flight.velocity.data() + 3 * drone;
+inline Vec3 sensed_velocity_of(const TaskContext& context, DroneIndex drone) {
+  const float* const v = context.sensed_velocity().data() + 3 * drone;
   return {v[0], v[1], v[2]};
 }
 inline Vec3 angular_velocity_of(const State& state, DroneIndex drone) {
@@ -162,7 +162,7 @@ class FlightTask : public Task {
   // Writes velocity, up vector, angular velocity and rotor speeds to a row.
   void observe_flight(const TaskContext& context, DroneIndex drone, const Mat3& to_body, std::span<float> row) const {
     const State& state = context.state();
-    const Vec3 velocity = to_body * velocity_of(state, drone);
+    const Vec3 velocity = to_body * sensed_velocity_of(context, drone);
     const Vec3 up = to_body.col(2);
     const Vec3 spin = angular_velocity_of(state, drone) * (1.0F / kSpinUnit);
     for (std::size_t k = 0; k < 3; ++k) {

@@ -129,7 +129,7 @@ class Hover final : public DifferentiableTask<HoverConfig> {
           .target = targets_of(block.context, rows),
           .position = rows.rows<3>(block.context.pose_readings().position),
           .quat_wxyz = rows.rows<4>(block.context.pose_readings().quat_wxyz),
-          .velocity = rows.rows<3>(state.flight.velocity),
+          .velocity = rows.rows<3>(block.context.sensed_velocity()),
           .angular_velocity = rows.rows<3>(state.flight.angular_velocity),
           .rotor_speed = num_rotors() > kMinRotors ? first_speeds.data() : rows.rows<4>(state.flight.rotor_speed)};
       float* const first = observation[0].row<float>(rows.drones()[0]).data();

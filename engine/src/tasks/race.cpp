@@ -154,7 +154,7 @@ class Race final : public DifferentiableTask<RaceConfig> {
         write(to_body * normal_of(gate));
         if (++index == gates.size()) index = 0;
       }
-      write(to_body * velocity_of(state, drone) * scale);
+      write(to_body * sensed_velocity_of(block.context, drone) * scale);
       write(to_body.col(2));
       write(angular_velocity_of(state, drone) * scale);
       std::copy_n(action_now().data() + kActions * drone, kActions, row);

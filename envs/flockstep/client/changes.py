@@ -44,8 +44,8 @@ class CameraChanges(TypedDict, total=False):
     Parameters
     ----------
     hfov_deg
-        Horizontal field of view. If you give only one of ``hfov_deg`` and ``vfov_deg``, pixels are square. If
-        neither, ``hfov_deg`` is 90. Values: [0.1, 179] deg.
+        Horizontal field of view. With only one of the two, pixels are square. With neither, this one is 90. Values:
+        [0.1, 179] deg.
     vfov_deg
         Vertical field of view. Values: [0.1, 179] deg.
     offset_m

@@ -135,8 +135,12 @@ TEST(CheckFields, IsCalledByEachConfiguration) {
   EXPECT_EQ(count_refused<DepthErrors>("camera.depth_errors."), 21);
   EXPECT_EQ(count_refused<ColorErrors>("camera.color_errors."), 12);
   EXPECT_EQ(count_refused<ColorRange>("color."), 4);
-  EXPECT_EQ(count_refused<PoseSensorConfig>("pose_sensor."), 9);
-  EXPECT_EQ(count_refused<ImuConfig>("imu."), 15);
+  EXPECT_EQ(count_refused<PoseSensorConfig>("pose_sensor."), 19);
+  EXPECT_EQ(count_refused<ImuConfig>("imu."), 29);
+  EXPECT_EQ(count_refused<BarometerConfig>("barometer."), 17);
+  EXPECT_EQ(count_refused<MagnetometerConfig>("magnetometer."), 15);
+  EXPECT_EQ(count_refused<GpsReceiverConfig>("gps_receiver."), 21);
+  EXPECT_EQ(count_refused<OpticalFlowConfig>("optical_flow."), 13);
   EXPECT_EQ(count_refused<EpisodeConfig>(""), 3);
   EXPECT_EQ(count_refused<ClockConfig>(""), 4);
   EXPECT_EQ(count_refused<ObservationConfig>("observed."), 8);

@@ -275,6 +275,10 @@ TEST(Arrays, OfABatchHaveDifferentNamesAndSayWhoWritesThem) {
   collect<Outputs>(all);
   collect<PoseReadings>(all);
   collect<ImuReadings>(all);
+  collect<BarometerReadings>(all);
+  collect<MagnetometerReadings>(all);
+  collect<GpsReceiverReadings>(all);
+  collect<OpticalFlowReadings>(all);
   std::set<std::string> names;
   for (const ArrayView& view : all) EXPECT_TRUE(names.insert(view.name).second) << view.name;
   collect<ContactState>(all);

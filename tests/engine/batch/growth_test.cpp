@@ -28,13 +28,15 @@ BatchConfig instruments(Motion motion, int num_threads, int beams = 9, int width
                      .outputs = {.grey = true},
                      .capture_mode = CaptureMode::on_movement,
                      .resize = {{4, 4}}}};
-  config.pose_sensor.position_noise_std_m = 0.1F;
+  config.pose_sensor = {.position_noise_std_m = 0.1F, .position_random_walk = 0.1F, .yaw_random_walk = 5.0F};
+  config.imus = {{.accelerometer_noise_density = 0.02F, .gyroscope_random_walk = 0.01F, .scale_std = 0.01F}};
+  config.gps_receivers = {{.drift_std_m = 1.0F, .outages_per_s = 2.0F, .outage_s = 0.3F}};
   config.clock.policy_hz = 10.0F;
   config.dynamics.motion = motion;
   if (motion == Motion::kinematic) return config;
   config.dynamics.control = Control::velocity;
   config.dynamics.wind.gusts = Gusts::dryden;
-  config.imus = {{.accelerometer_noise_density = 0.02F, .gyroscope_random_walk = 0.01F}};
+  config.imus[0].accelerometer_vibration_mps2 = 0.1F;
   return config;
 }
 

@@ -278,7 +278,9 @@ BatchConfig unusual() {
 
 TEST(ConfigJson, IsAnObjectOfTheFields) {
   const std::string text =
-      R"({"position_noise_std_m":0.1,"orientation_noise_std_deg":0.0,"rate_hz":null,"latency_s":0.0,"jitter_s":0.0,"loss":0.0})";
+      R"({"position_noise_std_m":0.1,"orientation_noise_std_deg":0.0,"velocity_noise_std_mps":null,"position_random_walk":0.0,)"
+      R"("yaw_random_walk":0.0,"drift_std_m":0.0,"drift_time_s":30.0,)"
+      R"("rate_hz":null,"latency_s":0.0,"jitter_s":0.0,"loss":0.0})";
   EXPECT_EQ(json_of(PoseSensorConfig{.position_noise_std_m = 0.1F}).dump(), text);
   EXPECT_EQ(json_of(ColorRange()).dump(), R"({"space":"excess","low":[0,17,0],"high":[255,255,255]})");
   CameraConfig camera;

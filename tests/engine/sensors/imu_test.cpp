@@ -1,6 +1,7 @@
 #include "flockstep/sensors/imu.hpp"
 
 #include "batch_helpers.hpp"
+#include "statistics.hpp"
 
 namespace flockstep {
 namespace {
@@ -88,30 +89,6 @@ TEST(Imu, OffTheCentreMeasuresTheRotation) {
   const Eigen::Vector3d acceleration = (places[40] - 2.0 * places[20] + places[0]) / (span * span);
   const Vec3 expected = rotation.conjugate() * (acceleration.cast<float>() + Vec3(0, 0, kG));
   EXPECT_LT((reading - expected).norm(), 0.03F * expected.norm()) << reading.transpose() << " / " << expected.transpose();
-}
-
-struct Moments {
-  double mean = 0.0, variance = 0.0;
-};
-
-Moments moments(const std::vector<double>& values) {
-  Moments m;
-  for (const double value : values) m.mean += value / static_cast<double>(values.size());
-  for (const double value : values) m.variance += (value - m.mean) * (value - m.mean) / static_cast<double>(values.size() - 1);
-  return m;
-}
-
-// Returns the Allan variance of clusters of k readings.
-double allan_variance(const std::vector<double>& readings, std::size_t k) {
-  std::vector<double> means;
-  for (std::size_t i = 0; i + k <= readings.size(); i += k) {
-    double mean = 0.0;
-    for (std::size_t j = i; j < i + k; ++j) mean += readings[j] / static_cast<double>(k);
-    means.push_back(mean);
-  }
-  double sum = 0.0;
-  for (std::size_t i = 1; i < means.size(); ++i) sum += (means[i] - means[i - 1]) * (means[i] - means[i - 1]);
-  return sum / (2.0 * static_cast<double>(means.size() - 1));
 }
 
 // White noise of density s gives s^2 / t. A random walk of density w gives w^2 t / 3.
@@ -238,10 +215,138 @@ TEST(Imu, OfAnEnvIsTheSameInAnyBatchAndAfterARestore) {
   EXPECT_TRUE(same_bits(alone.readings<ImuReadings>().accelerometer, reading));
 }
 
-TEST(Imu, IsRefusedForKinematicMotion) {
-  BatchConfig config = with_imu(1, {});
+// The readings of drones that hover level, (N, 3) at each tick.
+struct Hovering {
+  explicit Hovering(const ImuConfig& imu, int num_drones = 2000) : batch(make(with_imu(num_drones, imu))) {
+    batch.sense();
+    keep();
+  }
+  void fly(int ticks) {
+    for (int tick = 0; tick < ticks; ++tick) {
+      batch.fly(all(batch.config().num_drones(), static_cast<float>(batch.drone().airframe()->hover_speed())), 1);
+      batch.sense();
+      keep();
+    }
+  }
+  void keep() {
+    const ImuReadings& now = batch.readings<ImuReadings>();
+    force.emplace_back(now.accelerometer.begin(), now.accelerometer.end());
+    turn.emplace_back(now.gyroscope.begin(), now.gyroscope.end());
+  }
+  static std::vector<double> axis(const std::vector<double>& readings, std::size_t which) {
+    std::vector<double> one;
+    for (std::size_t i = which; i < readings.size(); i += 3) one.push_back(readings[i]);
+    return one;
+  }
+
+  Batch batch;
+  std::vector<std::vector<double>> force, turn;
+};
+
+TEST(Imu, BiasOfAnEpisodeBeginsWithItsDeviation) {
+  Hovering drones({.accelerometer_random_walk = 0.5F, .accelerometer_bias_std_mps2 = 0.2F, .gyroscope_bias_std_radps = 0.03F});
+  EXPECT_TRUE(has_mean(products(drones.turn[0], drones.turn[0]), 0.0009));
+  const std::vector<double> x = Hovering::axis(drones.force[0], 0);
+  EXPECT_TRUE(has_mean(products(x, x), 0.04));
+  drones.fly(100);
+  EXPECT_EQ(drones.turn[100], drones.turn[0]) << "without a walk it stays";
+  const std::vector<double> later = Hovering::axis(drones.force[100], 0);
+  EXPECT_TRUE(has_mean(products(later, later), 0.04 + 0.25 * 0.2));
+  EXPECT_TRUE(has_mean(products(x, later), 0.04));
+}
+
+TEST(Imu, ScaleAndAxesErr) {
+  Hovering drones({.scale_std = 0.02F, .misalignment_std_deg = 0.5F});
+  const double scale = 0.02 * 9.81, angle = 0.5 * std::numbers::pi / 180.0 * 9.81;
+  std::vector<double> z = Hovering::axis(drones.force[0], 2);
+  for (double& value : z) value -= 9.81;
+  EXPECT_TRUE(has_mean(products(z, z), scale * scale));
+  for (const std::size_t level : {0U, 1U}) {
+    const std::vector<double> axis = Hovering::axis(drones.force[0], level);
+    EXPECT_TRUE(has_mean(products(axis, axis), angle * angle));
+  }
+  EXPECT_LT(moments(drones.turn[0]).variance, 1e-12) << "nothing turns";
+  drones.batch.set_velocity({}, std::vector<float>(6000, 2.0F), {});
+  drones.batch.sense();
+  drones.keep();
+  std::vector<double> turn = drones.turn.back();
+  for (double& value : turn) value -= 2.0;
+  EXPECT_TRUE(has_mean(products(turn, turn), 4.0 * (0.0004 + 2.0 * std::pow(0.5 * std::numbers::pi / 180.0, 2))));
+}
+
+TEST(Imu, Saturates) {
+  Hovering drones({.accelerometer_noise_density = 0.5F, .accelerometer_range_mps2 = 9.0F, .gyroscope_range_radps = 1.5F}, 200);
+  drones.batch.set_velocity({}, std::vector<float>(600, -2.0F), {});
+  drones.batch.sense();
+  drones.keep();
+  for (const double value : drones.force.back()) EXPECT_LE(std::abs(value), 9.0);
+  EXPECT_GT(std::ranges::count(drones.force.back(), 9.0), 60);
+  EXPECT_EQ(std::ranges::count(drones.turn.back(), -1.5), 600);
+}
+
+// Each rotor adds a force that turns with it, at an angle of its own.
+TEST(Imu, VibratesAtTheSpeedsOfTheRotors) {
+  Hovering drones({.accelerometer_vibration_mps2 = 0.5F, .gyroscope_vibration_radps = 0.1F});
+  const double speed = drones.batch.drone().airframe()->hover_speed(), squared = speed * speed * 1e-6;
+  drones.fly(100);
+  for (const std::size_t lag : {0U, 1U, 2U, 7U}) {
+    const double kept = std::cos(speed * 0.002 * static_cast<double>(lag));
+    for (const std::size_t axis : {0U, 1U}) {
+      const auto product = [&](const std::vector<std::vector<double>>& readings) {
+        return products(Hovering::axis(readings[90], axis), Hovering::axis(readings[90 + lag], axis));
+      };
+      EXPECT_TRUE(has_mean(product(drones.force), 4.0 * 0.5 * std::pow(0.5 * squared, 2) * kept)) << lag;
+      EXPECT_TRUE(has_mean(product(drones.turn), 4.0 * 0.5 * std::pow(0.1 * squared, 2) * kept)) << lag;
+    }
+  }
+  EXPECT_NEAR(moments(Hovering::axis(drones.force[90], 2)).mean, 9.81, 1e-3) << "in the plane of the rotors";
+}
+
+TEST(Imu, HasPresets) {
+  EXPECT_EQ(ImuConfig::preset("bmi088").gyroscope_noise_density, 2.44e-4F);
+  EXPECT_REFUSED(ImuConfig::preset("bmi"), "ImuConfig.preset: ... mpu-6000, bmi088, vn-100");
+}
+
+// A drone that flies a circle, and looks along it, accelerates towards the middle and turns at a constant rate.
+TEST(Imu, DifferentiatesKinematicMotion) {
+  constexpr double kRadiusM = 2.0, kRate = 1.5, kStepS = 0.02;
+  BatchConfig config{.num_envs = 1, .num_threads = 1, .clock = {.policy_hz = 50.0F}};
+  config.imus = {{.name = "centre"}, {.name = "inside", .offset_m = {0.0F, 0.5F, 0.0F}}};  // towards the middle
+  Batch batch(config, open());
+  const auto at = [&](double angle) {
+    const auto half = static_cast<float>(angle / 2.0 + std::numbers::pi / 4.0);
+    return std::pair(
+        std::vector<float>{static_cast<float>(kRadiusM * std::cos(angle)), static_cast<float>(kRadiusM * std::sin(angle)), 1.0F},
+        std::vector<float>{std::cos(half), 0.0F, 0.0F, std::sin(half)});
+  };
+  const auto [start, heading] = at(0.0);
+  batch.set_pose(start, heading);
+  batch.sense();
+  EXPECT_TRUE(vector_at(batch.readings<ImuReadings>().accelerometer, 0).isApprox(Vec3(0, 0, kG), 1e-6F)) << "at rest";
+  for (int step = 1; step <= 100; ++step) {  // more than a turn: the quaternion changes its sign
+    const auto [position, quat] = at(kRate * kStepS * step);
+    batch.move(position, quat);
+    batch.sense();
+    if (step < 3) continue;  // the acceleration is the one of the last reading, a turn by 0.03 rad ago
+    const Vec3 central(0.0F, static_cast<float>(kRadiusM * kRate * kRate), kG);
+    const Vec3 inside(0.0F, static_cast<float>((kRadiusM - 0.5) * kRate * kRate), kG);
+    EXPECT_LT((vector_at(batch.readings<ImuReadings>().accelerometer, 0) - central).norm(), 0.2F) << step;
+    EXPECT_LT((vector_at(batch.readings<ImuReadings>(1).accelerometer, 0) - inside).norm(), 0.2F) << step;
+    EXPECT_LT((vector_at(batch.readings<ImuReadings>().gyroscope, 0) - Vec3(0, 0, 1.5F)).norm(), 1e-3F) << step;
+  }
+  const std::vector<float> reading = batch.readings<ImuReadings>().accelerometer;
+  batch.sense();
+  EXPECT_EQ(batch.readings<ImuReadings>().accelerometer, reading) << "no time has passed";
+  batch.begin_episode();
+  batch.set_pose(start, heading);
+  batch.sense();
+  EXPECT_TRUE(vector_at(batch.readings<ImuReadings>().accelerometer, 0).isApprox(Vec3(0, 0, kG), 1e-6F)) << "at rest again";
+}
+
+TEST(Imu, RefusesWhatItsMotionLacks) {
+  BatchConfig config = with_imu(1, {.gyroscope_vibration_radps = 0.1F});
   config.dynamics = {};
-  EXPECT_REFUSED(config.validate(), "imu: ... kinematic");
+  EXPECT_REFUSED(config.validate(), "imu.gyroscope_vibration_radps: ... kinematic");
   EXPECT_REFUSED(ImuConfig{.gyroscope_noise_density = -1.0F}.validate(), "imu.gyroscope_noise_density");
   EXPECT_REFUSED(with_imu(1, {.rate_hz = 333.0F}).validate(), "imu.rate_hz: ... divides");
 }

@@ -79,8 +79,9 @@ TEST(SensorSuite, PublishesTheTruthItselfWithoutErrors) {
   const BatchConfig exact = flying({ImuConfig{}});
   const BatchConfig noisy = flying({kNoisy});
   sensors::Readings<ImuReadings> same, apart;
-  same.allocate({.num_drones = 2}, false, false);
-  apart.allocate({.num_drones = 2}, true, false);
+  const auto cleared = allocated<ImuReadings>({.num_drones = 2});
+  same.allocate(cleared, false, false);
+  apart.allocate(cleared, true, false);
   EXPECT_EQ(&same.truth(), &same.published());
   EXPECT_NE(&apart.truth(), &apart.published());
   Batch a(exact, {closet()}), b(noisy, {closet()});

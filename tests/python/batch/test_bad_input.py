@@ -202,7 +202,8 @@ CONFIGS = [
     *(flockstep.LidarConfig, flockstep.CameraConfig, flockstep.PoseSensorConfig, flockstep.ImuConfig),
     *(flockstep.EpisodeConfig, flockstep.ClockConfig, flockstep.WindConfig, flockstep.DynamicsConfig),
     *(flockstep.NavigationReward, flockstep.NavigationConfig, flockstep.HoverConfig, flockstep.TrackConfig),
-    flockstep.RaceConfig,
+    *(flockstep.RaceConfig, flockstep.BarometerConfig, flockstep.MagnetometerConfig),
+    *(flockstep.GpsReceiverConfig, flockstep.OpticalFlowConfig),
 ]
 
 

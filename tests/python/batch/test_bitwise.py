@@ -31,6 +31,22 @@ NOISY = {
     "physics_hz": 500,
     "max_episode_steps": 17,
 }
+DRIFTING = {
+    "task": flockstep.HoverConfig(),
+    "pose_sensor": flockstep.PoseSensorConfig(
+        **SENSED, velocity_noise_std_mps=0.1, position_random_walk=0.1, drift_std_m=0.2, yaw_random_walk=3, rate_hz=100
+    ),
+    "imu": flockstep.ImuConfig(
+        gyroscope_bias_std_radps=0.1, scale_std=0.02, misalignment_std_deg=1, accelerometer_vibration_mps2=1
+    ),
+    "barometer": flockstep.BarometerConfig(noise_std_pa=1, bias_std_pa=9, drift_std_pa=5, rate_hz=50, latency_s=0.03),
+    "magnetometer": flockstep.MagnetometerConfig(noise_std_ut=1, hard_iron_std_ut=2, soft_iron_std=0.1),
+    "gps_receiver": flockstep.GpsReceiverConfig(
+        noise_std_m=1, drift_std_m=1, outages_per_s=2, outage_s=0.1, rate_hz=25, latency_s=0.05
+    ),
+    "optical_flow": flockstep.OpticalFlowConfig(noise_std_radps=0.1, max_flow_radps=3),
+    "physics_hz": 500,
+}
 LATE = {"latency_s": 0.03, "jitter_s": 0.09, "loss": 0.3}
 OBSERVED = flockstep.ObservationConfig(history=3, past_actions=2, delay_s=0.05, jitter_s=0.08, age=True)
 LAWS = {
@@ -101,6 +117,7 @@ FLIGHTS = {
         "control": "rotor_thrusts",
     },
     "hover": lambda: NOISY,
+    "drifting": lambda: DRIFTING,
     "track": lambda: {"task": flockstep.TrackConfig(path="random"), "drone": "x500", "control": "velocity"},
     "race": lambda: {"task": flockstep.RaceConfig(laps=1, cap_success=0.0, speed_cap_mps=(4.0, 6.0))},
     "dodge": lambda: {"task": flockstep.DodgeConfig(), "worlds": scenes.load("living")[1:2]},

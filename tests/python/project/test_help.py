@@ -149,7 +149,8 @@ def test_stub_and_documents_are_made_from_the_lists_of_the_engine(monkeypatch):
     pages = [stubs.ROOT / "docs" / "reference" / name for name in ("configs.md", "drone-files.md")]
     text = "".join(page.read_text(encoding="utf-8") for page in pages)
     others = {_core.NetworkConfig, _core.RolloutConfig, _core.UpdateConfig, _core.NavigationReward, _core.ColorRange}
-    others |= {*_core.engine_tasks.values(), _core.ServerConfig, _core.GradientConfig}
+    others |= {*_core.engine_tasks.values(), _core.ServerConfig, _core.GradientConfig, _core.BarometerConfig}
+    others |= {_core.MagnetometerConfig, _core.GpsReceiverConfig, _core.OpticalFlowConfig}
     named = {config.__name__ for config in {*CONFIGURATIONS} - others}
     for name in [*sorted(named), "Airframe", "BatchConfig"]:
         assert f"<!-- fields of {name} -->\n| field |" in text, name

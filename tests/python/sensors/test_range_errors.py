@@ -312,6 +312,20 @@ def test_presets_are_the_products_of_the_documents():
         LidarConfig.preset("<b>" * 100)
 
 
+def test_presets_of_other_sensors_are_those_of_the_documents():
+    listed = re.findall(r"^\| `(\w+Config)` \| (.*?) \|", PAGE.partition("| others")[2], re.MULTILINE)
+    assert len(listed) == 5
+    for config, names in listed:
+        with refused(ValueError, f"{config}.preset") as said:
+            getattr(flockstep, config).preset("none")
+        known = str(said.value).partition("one of ")[2].partition(", got")[0]
+        assert known.split(", ") == names.replace("`", "").split(", ")
+        for name in known.split(", "):
+            preset = getattr(flockstep, config).preset(name)
+            assert preset.name == name
+            assert preset != getattr(flockstep, config)(name=name)
+
+
 @pytest.mark.parametrize("name", PRODUCTS)
 def test_presets_scan_and_err(name):
     lidar = LidarConfig.preset(name)

@@ -4,6 +4,16 @@ import numpy as np
 
 import flockstep
 
+#: A pose sensor with every error.
+ESTIMATE = flockstep.PoseSensorConfig(
+    position_noise_std_m=0.01,
+    orientation_noise_std_deg=2.0,
+    velocity_noise_std_mps=0.2,
+    position_random_walk=0.02,
+    drift_std_m=0.05,
+    yaw_random_walk=1.0,
+)
+
 
 def both(num_envs, config, twin, **arguments):
     """An env of the engine's task, and one of the same task in NumPy."""

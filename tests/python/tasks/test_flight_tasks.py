@@ -6,7 +6,7 @@ import pytest
 from conftest import begun, world_of
 from messages import refused
 from rigid_body import CONTROLS, OPEN
-from twins import fly_beside
+from twins import ESTIMATE, fly_beside
 
 import flockstep
 from flockstep.rotations import rotate
@@ -71,14 +71,14 @@ class TestTwins:
 
     @pytest.mark.parametrize("case", range(len(CASES)))
     def test_agree(self, twin_of, case):
-        """Compare with noise in the observed poses, non-default limits, and all kinds of episode ends."""
+        """Compare with errors in observed poses and velocities, non-default limits, and all kinds of episode ends."""
         config, dynamics = self.CASES[case]
         mode = ("next_step", "same_step", "disabled")[case % 3]
         dynamics = {**dynamics, "max_speed_mps": 3.0, "max_tilt_deg": 60.0, "max_rate_dps": 400.0}
         arguments = {
             "worlds": WORLDS,
             "drone": ("crazyflie", "kingfisher", "x500")[case % 3],
-            "pose_sensor": flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=2.0),
+            "pose_sensor": ESTIMATE,
             "autoreset_mode": mode,
             "max_episode_steps": 60,
             "stagger_first_episode": True,

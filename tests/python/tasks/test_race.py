@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from conftest import placed, world_of
 from messages import refused
-from twins import fly_beside
+from twins import ESTIMATE, fly_beside
 
 import flockstep
 from flockstep.rotations import rotate
@@ -77,12 +77,12 @@ class TestTwin:
 
     @pytest.mark.parametrize("case", range(len(CASES)))
     def test_agree(self, example, case):
-        """Compare with noise in the observed poses, several tracks, and all kinds of episode ends."""
+        """Compare with errors in the observed poses and velocities, several tracks, and all kinds of episode ends."""
         race, config = example("race_numpy"), self.CASES[case]
         mode = ("next_step", "same_step", "disabled")[case]
         arguments = {
             "worlds": [LOOP, flockstep.World.race_track(case), *map(flockstep.World.load, TRACKS[:2])],
-            "pose_sensor": flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=2.0),
+            "pose_sensor": ESTIMATE,
             "autoreset_mode": mode,
             "max_episode_steps": 40,
             "random_world": True,

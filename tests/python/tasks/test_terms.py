@@ -223,6 +223,18 @@ class TestBodyFrame:
         expected = rotate(batch.sensed_quat_wxyz, batch.velocity, inverse=True)
         np.testing.assert_array_equal(batch.terms.body_velocity(), expected)
 
+    def test_velocity_that_the_pose_sensor_measures(self):
+        sensor = flockstep.PoseSensorConfig(orientation_noise_std_deg=10, velocity_noise_std_mps=0.5)
+        batch = flat_batch([HALL], 40, pose_sensor=sensor, drone="racer5", motion="rotors", drones_per_env=2)
+        random_poses(batch)
+        batch.set_velocity(np.random.default_rng(1).normal(0, 5, (40, 3)))
+        batch.sense()
+        sensed = batch.sensed_velocity
+        assert 0.4 < np.std(sensed - batch.velocity) < 0.6
+        expected = rotate(batch.sensed_quat_wxyz, sensed, inverse=True)
+        np.testing.assert_array_equal(batch.terms.body_velocity(), expected)
+        np.testing.assert_array_equal(batch.terms.neighbors(1), batch.terms.neighbors(1, sensed))
+
     def test_refusals(self, batch):
         for points, match in (
             (None, ("points", 3, "None")),

@@ -111,8 +111,7 @@ struct CameraConfig {
         field("height_px", &C::height_px,
               {.about = "Height of the rendered image.", .unit = "px", .limits = between(1, kMaxSide)}),
         field("hfov_deg", &C::hfov_deg,
-              {.about = "Horizontal field of view. If you give only one of ``hfov_deg`` and ``vfov_deg``, pixels are square. If "
-                        "neither, ``hfov_deg`` is 90.",
+              {.about = "Horizontal field of view. With only one of the two, pixels are square. With neither, this one is 90.",
                .unit = "deg",
                .limits = between(0.1, 179)}),
         field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0.1, 179)}),
@@ -154,8 +153,8 @@ struct CameraConfig {
         field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency),
         field("jitter_s", &C::jitter_s, kSensorJitter), field("loss", &C::loss, kSensorLoss),
         field("resize", &C::resize,
-              {.about = "(width, height) of the written images, at most as rendered. ``fx``, ``fy``, ``cx`` and ``cy`` stay "
-                        "those of the rendered image. Not with the outputs semantic, instance and normal.",
+              {.about = "(width, height) of the written images, at most as rendered. ``fx``, ``fy``, ``cx`` and ``cy`` stay. Not "
+                        "with semantic, instance and normal.",
                .unit = "px"}),
         field("pool", &C::pool,
               {.about = "How ``resize`` combines pixels. ``\"mean\"``: by area, like OpenCV's INTER_AREA. "

@@ -16,6 +16,7 @@ namespace flockstep {
 struct PoseReadings {
   std::vector<float> position;
   std::vector<float> quat_wxyz;
+  std::vector<float> velocity;
   std::vector<float> age_s;
 
   static constexpr auto fields() {
@@ -32,8 +33,13 @@ struct PoseReadings {
                              .frame = Frame::world,
                              .writer = "pose sensor",
                              .about = "latest reading of the orientation, body to world"}),
-                      array("sensed_age_s", &C::age_s,
-                            {.unit = "s", .writer = "pose sensor", .about = "age of the newest reading that has arrived"}));
+                      array("sensed_velocity", &C::velocity,
+                            {.columns = 3,
+                             .unit = "m/s",
+                             .frame = Frame::world,
+                             .writer = "pose sensor",
+                             .about = "latest reading of the velocity. Empty without `velocity_noise_std_mps`"}),
+                      array("sensed_age_s", &C::age_s, {.unit = "s", .writer = "pose sensor", .about = "age of the reading"}));
   }
 };
 
@@ -56,7 +62,7 @@ struct LidarReadings {
                .writer = "LiDAR",
                .about = "inf on a miss. Raises `RuntimeError` before the first scan"}),
         array("max_range_m", &C::max_range_m, {.unit = "m", .writer = "set_lidar()", .about = "maximum range of each drone"}),
-        array("ranges_age_s", &C::age_s, {.unit = "s", .writer = "LiDAR", .about = "age of the newest reading that has arrived"}),
+        array("ranges_age_s", &C::age_s, {.unit = "s", .writer = "LiDAR", .about = "age of the reading"}),
         array("semantic", &C::semantic,
               {.per = Per::ray, .values = Values::any, .writer = "LiDAR", .about = "semantic id of the hit, 0 on a miss"}),
         array("instance", &C::instance,

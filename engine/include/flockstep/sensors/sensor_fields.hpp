@@ -1,4 +1,5 @@
-// Fields that sensors share, the mounting pose, the rate and the delay, and names with which a make_sensor() is declared.
+// Fields that sensors share, the mounting pose, the rate, the delay and the time of a drift, and names with which a make_sensor()
+// is declared.
 #pragma once
 
 #include "flockstep/fields.hpp"
@@ -14,29 +15,33 @@ inline constexpr FieldInfo kMountRotation{.about = "Rotation (w, x, y, z) from s
 
 // Description of `rate_hz`.
 inline constexpr FieldInfo kSensorRate{.about =
-                                           "Readings per second of simulated time. It must divide the ticks per second of the "
-                                           "`ClockConfig`. None: after every control step.",
+                                           "Readings per second of simulated time, which divide the ticks of the `ClockConfig`. "
+                                           "None: one after every control step.",
                                        .unit = "Hz",
                                        .limits = above(0)};
 
 // Description of `latency_s`.
-inline constexpr FieldInfo kSensorLatency{.about =
-                                              "Time after which a reading arrives, rounded up to ticks. The first one of an "
-                                              "episode arrives at once.",
-                                          .unit = "s",
-                                          .limits = between(0, 1)};
+inline constexpr FieldInfo kSensorLatency{
+    .about =
+        "Time after which a reading arrives, rounded up to ticks. An episode's first arrives "
+        "at once.",
+    .unit = "s",
+    .limits = between(0, 1)};
 
 // Description of `jitter_s`.
 inline constexpr FieldInfo kSensorJitter{.about =
-                                             "Greatest further delay of a reading, drawn for each. The newest one that has "
-                                             "arrived holds. An overtaken reading is dropped.",
+                                             "Greatest further delay, drawn for each reading. The newest one that has arrived "
+                                             "holds.",
                                          .unit = "s",
                                          .limits = between(0, 1)};
 
 // Description of `loss`.
 inline constexpr FieldInfo kSensorLoss{
-    .about = "Probability that a reading is lost. The one before it holds. The first one of an episode is never lost.",
+    .about = "Probability that a reading is lost. The one before it holds. An episode's first is never lost.",
     .limits = between(0, 1)};
+
+// Description of `drift_time_s`.
+inline constexpr FieldInfo kDriftTime{.about = "Correlation time of the drift.", .unit = "s", .limits = between(0.001, 1e6)};
 
 namespace sensors {
 class BlockSensor;

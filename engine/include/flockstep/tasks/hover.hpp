@@ -29,7 +29,7 @@ struct HoverConfig {
             "greatest. With another ``control``, 0 hovers or has no effect, and ±1 is the largest command. An airframe with "
             "more than four rotors has a number for each.",
         .observed =
-            "All vectors are in the body frame, and nothing depends on the heading. The offset and the up vector come from the "
+            "All vectors are in the body frame, and nothing depends on the heading. Offset, up vector and velocity come from the "
             "pose sensor, which is exact unless you give it noise.",
         .observation =
             {

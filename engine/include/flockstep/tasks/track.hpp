@@ -43,8 +43,8 @@ struct TrackConfig {
             "Four numbers, clipped to [-1, 1]: a command of ``control`` (`Terms.command`). 0 hovers or has no "
             "effect, and ±1 is the largest command.",
         .observed =
-            "All vectors are in the body frame. Offsets and directions come from the pose sensor. Velocities and rotor speeds "
-            "are exact.",
+            "All vectors are in the body frame. Offsets, directions and the velocity come from the pose sensor. Body rates and "
+            "rotor speeds are exact.",
         .observation =
             {
                 {"3 for each of ``points``",
