@@ -192,7 +192,8 @@ void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const
          .width = PixelTile::kSide,
          .frustum = &tile.frustum,
          .u = &grid.columns[tile.column / PixelTile::kSide],
-         .v = &grid.rows[tile.row / PixelTile::kSide]},
+         .v = &grid.rows[tile.row / PixelTile::kSide],
+         .is_rectangle = true},
         wanted, scratch);
 }
 
