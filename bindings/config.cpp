@@ -492,9 +492,7 @@ void register_config(py::module_& module) {
     if (const std::string keyword = keyword_of(field.name); !keyword.empty()) keywords[py::str(keyword)] = field.name;
   }
   module.attr("batch_keywords") = keywords;
-  py::dict arguments;
-  arguments["Batch"] = described_keywords(others["BatchConfig"]);
-  module.attr("_arguments") = arguments;
+  module.attr("_arguments") = py::dict("Batch"_a = described_keywords(others["BatchConfig"]));
 }
 
 }  // namespace flockstep::bindings

@@ -84,7 +84,7 @@ class LidarConfig:
 
 @final
 class CameraConfig:
-    """A pinhole camera.
+    """A pinhole or fisheye camera.
 
     {camera.hpp: Camera frame ... centre of the image}.
     """

@@ -31,6 +31,7 @@ double bytes_of_image(const CameraConfig& camera) {
 // Checks that the arrays of the sensors fit into memory, first without the readings that are under way.
 void check_memory_of_sensors(const BatchConfig& config) {
   double bytes = 0.0;  // for one drone
+  double rays = 0.0;   // in the tables of lenses, for all drones
   for (const LidarConfig& lidar : config.lidars) bytes += 4.0 * lidar.rows() * lidar.columns();
   for (const CameraConfig& camera : config.cameras) {
     const CameraOutputs& o = camera.outputs;
@@ -39,7 +40,7 @@ void check_memory_of_sensors(const BatchConfig& config) {
     const int of_rendered_pixel = camera.resize ? of_pixel - 3 * (o.rgb && o.hsv) : 3 * (o.hsv && !o.rgb);
     bytes += static_cast<double>(of_rendered_pixel) * camera.width_px * camera.height_px;
   }
-  checks::memory(bytes * config.num_drones());
+  checks::memory(bytes * config.num_drones() + 16.0 * rays);
   for (const LidarConfig& lidar : config.lidars) {
     const std::int64_t period = sensors::period_in_ticks(lidar.rate_hz, config.clock, "lidar.rate_hz");
     const auto scans = static_cast<double>(sensors::ring_size(lidar, period, config.clock));

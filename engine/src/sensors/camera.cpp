@@ -14,30 +14,63 @@
 #include "base/require.hpp"
 #include "flockstep/sensors/camera.hpp"
 #include "prepared/prepared_world.hpp"
+#include "render/lens.hpp"
 #include "trace/ray_block.hpp"
 
 namespace flockstep {
 namespace {
 
 // Returns the focal length in pixels for a side with this many pixels.
-float focal_length(int pixels, float fov_deg) {
-  return static_cast<float>(0.5 * pixels / std::tan(0.5 * static_cast<double>(fov_deg) * std::numbers::pi / 180.0));
+float focal_length(int pixels, float fov_deg, Projection projection) {
+  const double angle = 0.5 * static_cast<double>(fov_deg) * std::numbers::pi / 180.0;
+  return static_cast<float>(0.5 * pixels / (projection == Projection::fisheye ? angle : std::tan(angle)));
+}
+
+// Checks the projection and its distortion.
+void require_lens(const CameraConfig& camera) {
+  const bool fisheye = camera.projection == Projection::fisheye;
+  const std::size_t count = camera.distortion.size();
+  require(count == 0 || count == 4 || (count == 5 && !fisheye), "camera.distortion",
+          fisheye ? "4 numbers, k1 to k4, or none" : "5 numbers, k1, k2, p1, p2 and k3, 4 without k3, or none", count);
+  require(!fisheye || !camera.outputs.depth || camera.depth_kind == DepthKind::range, "camera.depth_kind",
+          "\"range\" with projection=\"fisheye\"", "\"planar\"");
+  if (!camera.has_lens() || render::Lens(camera.projection, camera.distortion, camera.corner()).shows_every_pixel()) return;
+  if (count == 0) {
+    refuse(camera.vfov_deg && !camera.hfov_deg ? "camera.vfov_deg" : "camera.hfov_deg",
+           "an angle that keeps the corners of a fisheye within 180 degrees of the axis",
+           camera.hfov_deg.value_or(camera.vfov_deg.value_or(90.0F)));
+  }
+  refuse("camera.distortion",
+         std::string("coefficients that do not fold the image, with rays less than ") + (fisheye ? "180" : "89.5") +
+             " degrees from the axis",
+         "k1 = " + std::to_string(camera.distortion[0]));
 }
 
 }  // namespace
 
-float CameraConfig::fx() const { return hfov_deg || !vfov_deg ? focal_length(width_px, hfov_deg.value_or(90.0F)) : fy(); }
+float CameraConfig::fx() const {
+  return hfov_deg || !vfov_deg ? focal_length(width_px, hfov_deg.value_or(90.0F), projection) : fy();
+}
 
-float CameraConfig::fy() const { return vfov_deg ? focal_length(height_px, *vfov_deg) : fx(); }
+float CameraConfig::fy() const { return vfov_deg ? focal_length(height_px, *vfov_deg, projection) : fx(); }
+
+double CameraConfig::corner() const {
+  return std::hypot(0.5 * width_px / static_cast<double>(fx()), 0.5 * height_px / static_cast<double>(fy()));
+}
+
+bool CameraConfig::has_lens() const {
+  return projection == Projection::fisheye || std::ranges::any_of(distortion, [](float k) { return k != 0.0F; });
+}
 
 void CameraConfig::validate() const {
   check_fields(*this, "camera.");
   // Checks both fields of view, since one may be derived from the other.
   for (const float slope : {0.5F * static_cast<float>(width_px) / fx(), 0.5F * static_cast<float>(height_px) / fy()}) {
-    require(slope < 115.0F, hfov_deg ? "camera.hfov_deg" : "camera.vfov_deg",
+    require(slope < 115.0F || projection == Projection::fisheye, hfov_deg ? "camera.hfov_deg" : "camera.vfov_deg",
             "an angle that keeps the other below 179 degrees (pixels are square)",
             hfov_deg ? *hfov_deg : vfov_deg.value_or(90.0F));
   }
+  require_lens(*this);
   require(far_m > near_m, "camera.far_m", "a number > near_m (" + std::to_string(near_m) + ")", far_m);
   require(shadows || sun_size_deg == 0.0F, "camera.sun_size_deg", "0 without shadows", sun_size_deg);
   bool any = false;
@@ -107,6 +140,7 @@ Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t
       mounting_(num_drones, matrix_of(config.quat_wxyz)),
       delay_(config, label(), 0, clock, drones_per_env, num_drones) {  // frames are taken after steps, whatever the rate
   flockstep::allocate(taken_, {.num_drones = num_drones});
+  if (config.projection == Projection::fisheye) policy_.tile_triangle_limit = 0;  // tiles have rays ahead only
   allocate_images(images_, config.outputs, num_drones, pixels_);
   if (config.resize) {
     resample_.emplace(config.width_px, config.height_px, (*config.resize)[0], (*config.resize)[1], config.pool);

@@ -1,4 +1,4 @@
-// CameraConfig: a pinhole camera. readings.hpp has its images, CameraImages.
+// CameraConfig: a camera. readings.hpp has its images, CameraImages.
 #pragma once
 
 #include <array>
@@ -14,6 +14,14 @@
 namespace flockstep {
 
 // Meaning of depth: distance along the optical axis, or from the camera.
+// Distance of a ray's pixel from the centre of the image: the focal length times the tangent of its angle from the optical axis,
+// or times the angle.
+enum class Projection : std::uint8_t { pinhole, fisheye };
+template <>
+struct EnumNames<Projection> {
+  static constexpr std::array kNames{"pinhole", "fisheye"};
+};
+
 enum class DepthKind : std::uint8_t { planar, range };
 template <>
 struct EnumNames<DepthKind> {
@@ -68,7 +76,7 @@ struct CameraOutputs {
   bool any_color() const { return rgb || grey; }  // true if colours are rendered
 };
 
-// A pinhole camera. Camera frame: x along the optical axis, y left, z up. The optical axis passes through the centre of the
+// A camera. Camera frame: x along the optical axis, y left, z up. The optical axis passes through the centre of the
 // image.
 struct CameraConfig {
   std::string name = "front";
@@ -78,6 +86,8 @@ struct CameraConfig {
   std::optional<float> vfov_deg;
   std::array<float, 3> offset_m{0, 0, 0};
   std::array<float, 4> quat_wxyz{1, 0, 0, 0};
+  Projection projection = Projection::pinhole;
+  std::vector<float> distortion;
   float near_m = 0.05F;
   float far_m = 100.0F;
   CameraOutputs outputs;
@@ -114,6 +124,11 @@ struct CameraConfig {
         field("offset_m", &C::offset_m, kMountOffset), field("quat_wxyz", &C::quat_wxyz, kMountRotation),
         field("near_m", &C::near_m,
               {.about = "Minimum planar depth, less than ``far_m``: nearer surfaces are not rendered.",
+        field("projection", &C::projection,
+              {.about = "``\"pinhole\"``, or ``\"fisheye\"``, whose depths are ranges. Only by ``\"raycast\"``."}),
+        field("distortion", &C::distortion,
+              {.about = "Coefficients as in OpenCV: k1, k2, p1, p2, k3, or a fisheye's k1 to k4. Only by ``\"raycast\"``.",
+               .limits = within(1e6)}),
                .unit = "m",
                .limits = above(0)}),
         field("far_m", &C::far_m,
@@ -123,7 +138,7 @@ struct CameraConfig {
                         "``\"normal\"``, ``\"grey\"``, ``\"hsv\"``."}),
         field("depth_kind", &C::depth_kind, {.about = "``\"planar\"``: along the optical axis. ``\"range\"``: from the camera."}),
         field("layout", &C::layout,
-              {.about = "Shape of rgb, hsv and normal images. ``\"hwc\"``: (N, H, W, 3). ``\"chw\"``: (N, 3, H, W)."}),
+              {.about = "Shape of images with C channels. ``\"hwc\"``: (N, H, W, C). ``\"chw\"``: (N, C, H, W)."}),
         field("capture_mode", &C::capture_mode,
               {.about = "``\"every_step\"``: renders after every step, or at ``rate_hz``. ``\"on_movement\"``: after a step, if "
                         "the drone's pose or world has changed. ``\"on_demand\"``: only in `Batch.capture`. The first two also "
@@ -133,19 +148,18 @@ struct CameraConfig {
               {.about = "Samples per pixel, averaged, for colours only. Other outputs are taken at the pixel's centre.",
                .limits = one_of(1, 4, 9, 16)}),
         field("adaptive_samples", &C::adaptive_samples,
-              {.about = "Take all samples only where colours differ by more than 8 of 255 among 3 x 3 pixels, one elsewhere: "
-                        "nearly equal images in less time. ``\"gl\"`` takes all."}),
+              {.about = "Take all samples only where colours differ by more than 8 of 255 among 3 x 3 pixels, one elsewhere. "
+                        "``\"gl\"`` takes all."}),
         field("shadows", &C::shadows,
               {.about = "Shadows of the sun, cast by everything except markers and a room's walls and ceiling."}),
-        field(
-            "sun_size_deg", &C::sun_size_deg,
-            {.about = "Angle across the sun, which blurs the edges of shadows: each sample sees one point of the sun's disc. 0: "
-                      "hard shadows. The real sun's is 0.53. Only with ``shadows``.",
-             .unit = "deg",
-             .limits = between(0.0, 20.0)}),
+        field("sun_size_deg", &C::sun_size_deg,
+              {.about =
+                   "Angle across the sun, which blurs shadows. The real sun's is 0.53. 0: hard shadows. Only with ``shadows``.",
+               .unit = "deg",
+               .limits = between(0.0, 20.0)}),
         field("ambient_occlusion_rays", &C::ambient_occlusion_rays,
-              {.about = "Rays per sample that find what hides the sky and the ground: their light is multiplied by the share of "
-                        "rays that hit nothing within 1.5 m, which darkens corners. 0: no darkening. Only by ``\"raycast\"``.",
+              {.about = "Rays per sample that find how much light of sky and ground nothing hides within 1.5 m: corners are "
+                        "darker. 0: off. Only by ``\"raycast\"``.",
                .limits = between(0, 16)}),
         field("rate_hz", &C::rate_hz, kSensorRate), field("latency_s", &C::latency_s, kSensorLatency),
         field("jitter_s", &C::jitter_s, kSensorJitter), field("loss", &C::loss, kSensorLoss),
@@ -165,9 +179,13 @@ struct CameraConfig {
   FLOCKSTEP_API float fx() const;  // px
   FLOCKSTEP_API float fy() const;  // px
   // Size of the written images.
+  // True if the camera is not a plain pinhole.
+  FLOCKSTEP_API bool has_lens() const;
   int image_width_px() const { return resize ? (*resize)[0] : width_px; }
   int image_height_px() const { return resize ? (*resize)[1] : height_px; }  // px
 };
+  // Distance between the centre and the corners of the image, in focal lengths.
+  FLOCKSTEP_API double corner() const;
 
 // Run-time changes to a camera of some drones; unset fields stay unchanged. All drones have the same resolution.
 struct CameraChange {
