@@ -402,6 +402,7 @@ void register_config(py::module_& module) {
   register_fields<LidarConfig>(module, "LidarConfig")
       .def_property_readonly("shape", [](const LidarConfig& c) { return py::make_tuple(c.rows(), c.columns()); })
       .def_static("preset", &LidarConfig::preset, py::arg("product"));
+  register_fields<EventPixels>(module, "EventPixels");
   register_fields<CameraConfig>(module, "CameraConfig")
       .def_property_readonly("fx", [](const CameraConfig& camera) { return camera.fx(); })
       .def_property_readonly("fy", [](const CameraConfig& camera) { return camera.fy(); })

@@ -75,7 +75,7 @@ void CameraConfig::validate() const {
   require(shadows || sun_size_deg == 0.0F, "camera.sun_size_deg", "0 without shadows", sun_size_deg);
   bool any = false;
   for_each_field(outputs, [&](const auto&, bool chosen) { any = any || chosen; });
-  require(any, "camera.outputs", "at least one of rgb, depth, semantic, instance, normal, grey, hsv", "none");
+  require(any, "camera.outputs", "at least one of rgb, depth, semantic, instance, normal, grey, hsv, events", "none");
   if (!resize) {
     require(pool == Pool::mean, "camera.pool", "\"mean\" without resize (set resize=(width, height) of the images)",
             std::string("\"") + EnumNames<Pool>::kNames[static_cast<std::size_t>(pool)] + '"');
@@ -105,7 +105,8 @@ std::size_t area(int width, int height) { return static_cast<std::size_t>(width)
 CameraConfig rendering_of(CameraConfig config) {
   config.resize.reset();
   config.outputs.rgb = config.outputs.rgb || config.outputs.hsv;
-  config.outputs.hsv = false;
+  config.outputs.grey = config.outputs.grey || config.outputs.events;
+  config.outputs.hsv = config.outputs.events = false;
   return config;
 }
 
@@ -139,14 +140,18 @@ Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t
       settings_(config, num_drones, false, &render::make_pinhole_camera),
       mounting_(num_drones, matrix_of(config.quat_wxyz)),
       delay_(config, label(), 0, clock, drones_per_env, num_drones) {  // frames are taken after steps, whatever the rate
-  flockstep::allocate(taken_, {.num_drones = num_drones});
   if (config.projection == Projection::fisheye) policy_.tile_triangle_limit = 0;  // tiles have rays ahead only
+  flockstep::allocate(taken_, {.num_drones = num_drones});
   allocate_images(images_, config.outputs, num_drones, pixels_);
   if (config.resize) {
     resample_.emplace(config.width_px, config.height_px, (*config.resize)[0], (*config.resize)[1], config.pool);
     allocate_images(frames_, rendering_.outputs, num_drones, rendered_pixels_);
-  } else if (config.outputs.hsv && !config.outputs.rgb) {
-    frames_.rgb.resize(3 * num_drones * rendered_pixels_);
+  } else {
+    if (config.outputs.hsv && !config.outputs.rgb) frames_.rgb.resize(3 * num_drones * rendered_pixels_);
+    if (config.outputs.events && !config.outputs.grey) frames_.grey.resize(num_drones * rendered_pixels_);
+  }
+  if (config.outputs.events) {
+    events_.emplace(config.event_pixels, pixels_, config.layout, label(), clock, drones_per_env, num_drones);
   }
   images_.frame_step.resize(num_drones, -1);
   images_.age_s.resize(num_drones);
@@ -209,6 +214,7 @@ std::optional<render::RenderRequest> Camera::take(DroneIndex drone, const World&
   const std::size_t env = drone / drones_per_env_;
   taken_.tick[drone] = state.tick[env];
   if (is_late() && !delay_.add(state, drone)) return std::nullopt;
+  if (events_) events_->take(drone, state);
   const Pose pose = pose_of(state, drone);
   store_pose(&taken_.position[3 * drone], &taken_.quat_wxyz[4 * drone], pose);
   taken_.world[drone] = state.world_index[env];
@@ -267,7 +273,7 @@ render::RenderRequest Camera::request(DroneIndex drone, const World& world, cons
   return request;
 }
 
-void Camera::convert(DroneIndex drone, ConversionScratch& scratch) {
+void Camera::convert(DroneIndex drone, const State& state, ConversionScratch& scratch) {
   CameraImages& images = written();
   const auto of_row = [&](auto& image, std::size_t values) { return image.data() + row_of(drone) * pixels_ * values; };
   const auto rendered = [&](auto& images, std::size_t values) { return images.data() + drone * rendered_pixels_ * values; };
@@ -293,6 +299,15 @@ void Camera::convert(DroneIndex drone, ConversionScratch& scratch) {
     imaging::rgb_to_hsv(rgb, config_.image_width_px(), config_.image_height_px(), config_.layout, of_row(images.hsv, 3),
                         scratch.hsv);
   }
+  if (events_) {
+    const std::uint8_t* grey = config_.outputs.grey ? of_row(images.grey, 1) : rendered(frames_.grey, 1);
+    if (resample_ && !config_.outputs.grey) {
+      scratch.grey.resize(pixels_);
+      (*resample_)(rendered(frames_.grey, 1), scratch.grey.data(), 1, scratch.resample);
+      grey = scratch.grey.data();
+    }
+    events_->write(drone, state, grey, of_row(images.events, 2));
+  }
 }
 
 void Camera::list_arrays(const std::function<void(const ArrayView&)>& list) const {
@@ -310,7 +325,8 @@ void Camera::visit(ArrayVisitor& visitor) {
   visitor.array("frame_age_s", images_.age_s);
   if (is_late()) rings_.visit(visitor);
   delay_.visit(visitor);
-  if (bodies_per_env_ > 0 || sees_drones_ || is_late()) visit_images(visitor);
+  if (events_) events_->visit(visitor);
+  if (keeps_images()) visit_images(visitor);
 }
 
 void Camera::visit_images(ArrayVisitor& visitor) {
@@ -325,6 +341,7 @@ void Camera::restored() {
 
 void Camera::check() const {
   delay_.check();
+  if (events_) events_->check();
   check_values(std::span<const float>(images_.age_s), "snapshot: frame_age_s", Values::finite);
   for (std::size_t i = 0; i < settings_.size(); ++i) {
     const DroneIndex drone(i);

@@ -21,6 +21,7 @@
 #include "render/render_request.hpp"
 #include "sensors/delay.hpp"
 #include "sensors/drone_settings.hpp"
+#include "sensors/events.hpp"
 #include "sensors/sensor.hpp"
 
 namespace flockstep::sensors {
@@ -29,7 +30,8 @@ namespace flockstep::sensors {
 struct ConversionScratch {
   imaging::ResampleScratch resample;
   imaging::HsvScratch hsv;
-  std::vector<std::uint8_t> rgb;  // resized image, used only to compute hsv
+  std::vector<std::uint8_t> rgb;   // resized image, used only to compute hsv
+  std::vector<std::uint8_t> grey;  // resized image, used only to compute events
 };
 
 class Camera final : public Sensor {
@@ -65,6 +67,7 @@ class Camera final : public Sensor {
     images_.frame_step[drone] = -1;
     images_.age_s[drone] = 0.0F;
     delay_.forget(drone);
+    if (events_) events_->forget(drone);
   }
   void use_default_settings(DroneIndex drone) override { set_config(drone, config_); }
   // Clears the images of a removed drone: black, depth inf, ids 0.
@@ -79,13 +82,15 @@ class Camera final : public Sensor {
   render::RenderRequest retake(DroneIndex drone, const World& world);
   // True if frames arrive later than they are taken, or may be lost.
   bool is_late() const { return delay_.is_late(); }
+  // True if a snapshot has to hold the images, because rendering them again would give others.
+  bool keeps_images() const { return bodies_per_env_ > 0 || sees_drones_ || is_late() || events_.has_value(); }
   // Brings the image and its age up to date, when the frames of this step are rendered.
   void publish(DroneIndex drone, const State& state);
 
-  // True if the written images differ from the rendered ones because images are resized or hsv is computed. Each frame must
-  // then be converted after rendering.
-  bool converts() const { return resample_.has_value() || config_.outputs.hsv; }
-  void convert(DroneIndex drone, ConversionScratch& scratch);
+  // True if the written images differ from the rendered ones because images are resized, or hsv or events are computed. Each
+  // frame must then be converted after rendering.
+  bool converts() const { return resample_.has_value() || config_.outputs.hsv || events_; }
+  void convert(DroneIndex drone, const State& state, ConversionScratch& scratch);
 
   // Returns the index of the world in the drone's frame. With visit() and retake(), this is all that a restored frame needs.
   std::int32_t taken_world(DroneIndex drone) const { return taken_.world[drone]; }
@@ -127,7 +132,7 @@ class Camera final : public Sensor {
   std::size_t row_of(DroneIndex drone) const { return is_late() ? delay_.newest(drone) : std::size_t{drone}; }
 
   CameraConfig config_;
-  CameraConfig rendering_;  // configuration of the renderer: no resize, rgb instead of hsv
+  CameraConfig rendering_;  // configuration of the renderer: no resize, rgb instead of hsv, grey instead of events
   trace::TracePolicy policy_;
   std::size_t drones_per_env_;
   std::size_t pixels_;                                           // pixels of a written image
@@ -139,6 +144,7 @@ class Camera final : public Sensor {
   CameraImages images_;
   Delay delay_;
   Rings<CameraImages> rings_;
+  std::optional<Events> events_;
   std::optional<imaging::Resample> resample_;
   CameraImages frames_;  // rendered images, if they differ from the written ones
   render::VisibleBodies bodies_;

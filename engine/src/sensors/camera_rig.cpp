@@ -68,7 +68,7 @@ void CameraRig::prepare(Workers& workers) {
   for (const auto& camera : cameras_) {  // grows every thread's scratch now; the frame is stale
     if (num_drones_ == 0) break;
     for (ConversionScratch& scratch : scratch_) {
-      if (camera->converts()) camera->convert(DroneIndex(0), scratch);
+      if (camera->converts()) camera->convert(DroneIndex(0), *state_, scratch);
     }
   }
 }
@@ -131,7 +131,7 @@ void CameraRig::ask_now(std::size_t camera, std::span<const DroneIndex> drones) 
 void CameraRig::ask_again() {
   clear_requests();
   for (std::size_t camera = 0; camera < size(); ++camera) {
-    if (cameras_[camera]->is_late()) continue;  // the snapshot has its images
+    if (cameras_[camera]->keeps_images()) continue;  // the snapshot has its images
     for (std::size_t i = 0; i < num_drones_; ++i) {
       const DroneIndex drone(i);
       if (!state_->active[drone] || cameras_[camera]->images().frame_step[drone] < 0) continue;
@@ -163,7 +163,7 @@ void CameraRig::finish(Workers& workers) {
     if (!requests_.empty()) renderer_->finish(requests_, workers);
     if (!conversions_.empty()) {
       workers.run(conversions_.size(), [&](std::size_t i, std::size_t thread) {
-        conversions_[i].camera->convert(conversions_[i].drone, scratch_[thread]);
+        conversions_[i].camera->convert(conversions_[i].drone, *state_, scratch_[thread]);
       });
     }
     if (!late_.empty()) {
