@@ -401,6 +401,7 @@ void register_config(py::module_& module) {
       .def_static("preset", &LidarConfig::preset, py::arg("product"));
   register_fields<DepthErrors>(module, "DepthErrors");
   register_fields<ColorErrors>(module, "ColorErrors");
+  register_fields<EventPixels>(module, "EventPixels");
   register_fields<CameraConfig>(module, "CameraConfig")
       .def_static("preset", &CameraConfig::preset, py::arg("product"))
       .def(
@@ -501,9 +502,7 @@ void register_config(py::module_& module) {
     if (const std::string keyword = keyword_of(field.name); !keyword.empty()) keywords[py::str(keyword)] = field.name;
   }
   module.attr("batch_keywords") = keywords;
-  py::dict arguments;
-  arguments["Batch"] = described_keywords(others["BatchConfig"]);
-  module.attr("_arguments") = arguments;
+  module.attr("_arguments") = py::dict("Batch"_a = described_keywords(others["BatchConfig"]));
 }
 
 }  // namespace flockstep::bindings

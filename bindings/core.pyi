@@ -100,8 +100,14 @@ class ColorErrors:
     # fields of ColorErrors
 
 @final
+class EventPixels:
+    """{event_pixels.hpp: The pixels of ... reference follows}."""
+
+    # fields of EventPixels
+
+@final
 class CameraConfig:
-    """A pinhole camera.
+    """A pinhole or fisheye camera.
 
     {camera.hpp: Camera frame ... centre of the image}.
     """
@@ -1323,8 +1329,8 @@ class Camera:
 
         ``rgb``, ``grey`` and ``hsv`` have 8 bits; the channels of ``hsv`` are stored as red, green and blue.
         ``semantic`` and ``instance`` are the ids, 16 bits. ``depth`` has 16 bits, in millimetres, and is 0 for a miss
-        or beyond 65.535 m. ``normal`` is 127.5 * (n + 1), 8 bits, and 0 for a miss. Use `numpy.save` on the arrays to
-        keep depth and normal exact.
+        or beyond 65.535 m. ``normal`` is 127.5 * (n + 1), 8 bits, and 0 for a miss. ``events`` has ON events in red
+        and OFF events in blue. Use `numpy.save` on the arrays to keep depth and normal exact.
 
         Image viewers show 16-bit ids or millimetres as almost black. Therefore ``depth``, ``semantic`` and ``instance``
         each get a second file in colour, ``<camera>-<drone>-<output>-color.png``: depth from bright (nearest) to dark

@@ -477,7 +477,7 @@ void Batch::restore(const std::string& blob) {
     list_selected(*sim_, EnvMask(), &Block::resetting);
     look_ahead(*sim_);
   }
-  if (!sim_->bodies && !sim_->seen_drones) sim_->cameras.ask_again();  // otherwise the snapshot has the images
+  sim_->cameras.ask_again();
   sim_->cameras.start();
   sim_->cameras.finish(sim_->workers);
 }

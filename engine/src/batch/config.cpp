@@ -141,6 +141,9 @@ void BatchConfig::validate() const {
       require(camera.ambient_occlusion_rays == 0, "ambient_occlusion_rays", "0 with camera_backend=\"gl\"",
               camera.ambient_occlusion_rays);
       require(!camera.shadows, "shadows", "False with camera_backend=\"gl\"", "True");
+      require(camera.projection == Projection::pinhole, "projection", "\"pinhole\" with camera_backend=\"gl\"", "\"fisheye\"");
+      require(!camera.has_lens(), "distortion", "none with camera_backend=\"gl\"",
+              std::to_string(camera.distortion.size()) + " coefficients");
     }
     const long long pixels = static_cast<long long>(num_drones()) * camera.width_px * camera.height_px;
     require(pixels <= (1LL << 32), "num_drones x camera pixels", "at most 4294967296 pixels", pixels);

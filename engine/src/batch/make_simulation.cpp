@@ -21,7 +21,7 @@ namespace flockstep {
 namespace {
 
 int bytes_of_pixel(const CameraOutputs& o) {
-  return 3 * o.rgb + 4 * o.depth + 2 * o.semantic + 2 * o.instance + 12 * o.normal + 1 * o.grey + 3 * o.hsv;
+  return 3 * o.rgb + 4 * o.depth + 2 * o.semantic + 2 * o.instance + 12 * o.normal + 1 * o.grey + 3 * o.hsv + 2 * o.events;
 }
 int bytes_of_beam(const LidarOutputs& o) { return 4 + 2 * o.semantic + 2 * o.instance + 4 * o.intensity; }
 double bytes_of_scan(const LidarConfig& lidar) {
@@ -35,6 +35,7 @@ double bytes_of_image(const CameraConfig& camera) {
 // Checks that the arrays of the sensors fit into memory, first without the readings that are under way.
 void check_memory_of_sensors(const BatchConfig& config) {
   double bytes = 0.0;  // for one drone
+  double rays = 0.0;   // in the tables of lenses, for all drones
   for (const LidarConfig& lidar : config.lidars) {
     bytes += bytes_of_scan(lidar);
     const int more = 8 * lidar.needs_hits() + 4 * (lidar.errors.divergence_mrad > 0.0F);  // bytes of a beam: Lidar's own arrays
@@ -44,10 +45,15 @@ void check_memory_of_sensors(const BatchConfig& config) {
     const CameraOutputs& o = camera.outputs;
     const int of_pixel = bytes_of_pixel(o);
     bytes += bytes_of_image(camera);
-    const int of_rendered_pixel = camera.resize ? of_pixel - 3 * (o.rgb && o.hsv) : 3 * (o.hsv && !o.rgb);
+    const int of_rendered_pixel =
+        (camera.resize ? of_pixel - 3 * (o.rgb && o.hsv) - 2 * o.events : 3 * (o.hsv && !o.rgb)) + (o.events && !o.grey);
     bytes += static_cast<double>(of_rendered_pixel) * camera.width_px * camera.height_px;
+    if (o.events) {
+      bytes += sensors::Events::bytes_of_pixel(camera.event_pixels) * camera.image_width_px() * camera.image_height_px();
+    }
+    if (camera.has_lens()) rays += (1.0 + camera.samples_per_pixel) * camera.width_px * camera.height_px;
   }
-  checks::memory(bytes * config.num_drones());
+  checks::memory(bytes * config.num_drones() + 16.0 * rays);
   for (const LidarConfig& lidar : config.lidars) {
     const std::int64_t period = sensors::period_in_ticks(lidar.rate_hz, config.clock, "lidar.rate_hz");
     const auto scans = static_cast<double>(sensors::ring_size(lidar, period, config.clock));

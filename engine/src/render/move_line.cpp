@@ -13,6 +13,7 @@ namespace {
 constexpr double kUsualWidth = 640.0;  // px
 constexpr float kBias = 1e-4F;         // share of the depth by which a surface must be nearer than the line to hide it
 constexpr std::size_t kRow = 16;       // rays in a row of a tile
+constexpr int kHalvings = 8;           // of a line that a lens bends
 
 }  // namespace
 
@@ -25,7 +26,6 @@ LinePainter::LinePainter(const RenderRequest& view, int width_px, int height_px,
       scale_y_(static_cast<double>(height_px) / view.camera->height_px),
       half_width_(std::max(width_px / kUsualWidth, 0.5)),
       cover_(width_ * height_) {
-  std::fill(std::begin(ahead_), std::end(ahead_), 1.0F);
   tracer_.set_viewpoint(*view.scene, {.origin = view.position,
                                       .rotation = view.rotation,
                                       .near = view.camera->near_m,
@@ -40,8 +40,36 @@ LinePainter::LinePainter(const RenderRequest& view, int width_px, int height_px,
 LinePainter::Point LinePainter::project(const Vec3d& local) const {
   const PinholeCamera& pinhole = *view_.pinhole;
   const double left = local.y() / local.x(), up = local.z() / local.x();
-  return {left, up, 1.0 / local.x(), (static_cast<double>(pinhole.cx) - left * static_cast<double>(pinhole.fx)) * scale_x_,
+  return {Vec3d(1.0, left, up), 1.0 / local.x(),
+          (static_cast<double>(pinhole.cx) - left * static_cast<double>(pinhole.fx)) * scale_x_,
           (static_cast<double>(pinhole.cy) - up * static_cast<double>(pinhole.fy)) * scale_y_};
+}
+
+std::optional<LinePainter::Point> LinePainter::project_by_lens(const Vec3d& local) const {
+  const PinholeCamera& pinhole = *view_.pinhole;
+  const double depth = pinhole.lens->is_fisheye() ? local.norm() : local.x();
+  if (depth < static_cast<double>(view_.camera->near_m) || depth > static_cast<double>(view_.camera->far_m)) return std::nullopt;
+  const auto ideal = pinhole.lens->ideal_of(local);
+  if (!ideal) return std::nullopt;
+  const Lens::Point image = pinhole.lens->to_image(*ideal);
+  return Point{local / depth, 1.0 / depth,
+               (static_cast<double>(pinhole.cx) + image.x() * static_cast<double>(pinhole.fx)) * scale_x_,
+               (static_cast<double>(pinhole.cy) + image.y() * static_cast<double>(pinhole.fy)) * scale_y_};
+}
+
+void LinePainter::add_bent(const Vec3d& a, const Vec3d& b, int halvings) {
+  constexpr double kStraight = 8.0;  // px
+  constexpr double kTiny = 0.02;     // rad
+  const auto from = project_by_lens(a), to = project_by_lens(b);
+  const bool is_straight = from && to && std::hypot(from->x - to->x, from->y - to->y) < kStraight;
+  const bool is_outside = !from && !to && (b - a).norm() < kTiny * std::min(a.norm(), b.norm());
+  if (halvings == 0 || is_straight || is_outside) {
+    if (from && to) add(*from, *to);
+    return;
+  }
+  const Vec3d middle = 0.5 * (a + b);
+  add_bent(a, middle, halvings - 1);
+  add_bent(middle, b, halvings - 1);
 }
 
 void LinePainter::add(std::span<const Vec3> points) {
@@ -52,6 +80,10 @@ void LinePainter::add(std::span<const Vec3> points) {
   for (std::size_t i = 1; i < points.size(); ++i) {
     if (!points[i - 1].allFinite() || !points[i].allFinite()) continue;
     const Vec3d from = to_camera(points[i - 1]), way = to_camera(points[i]) - from;
+    if (view_.pinhole->lens) {
+      add_bent(from, from + way, kHalvings);
+      continue;
+    }
     // The part from `first` to `last` lies between the near and the far plane.
     double first = 0.0, last = 1.0;
     if (way.x() == 0.0) {
@@ -111,16 +143,16 @@ void LinePainter::add(const Point& a, const Point& b) {
       if (covered <= cover_[row * width_ + column]) continue;
       // The ray and the inverse depth are linear in the image.
       cover(row * width_ + column, covered,
-            {a.left + nearest * (b.left - a.left), a.up + nearest * (b.up - a.up),
-             a.inverse_depth + nearest * (b.inverse_depth - a.inverse_depth), 0.0, 0.0});
+            {a.ray + nearest * (b.ray - a.ray), a.inverse_depth + nearest * (b.inverse_depth - a.inverse_depth), 0.0, 0.0});
     }
   }
 }
 
 void LinePainter::cover(std::size_t pixel, float share, const Point& at) {
   pending_[num_pending_] = {pixel, share, static_cast<float>(1.0 / at.inverse_depth)};
-  left_[num_pending_] = static_cast<float>(at.left);
-  up_[num_pending_] = static_cast<float>(at.up);
+  ahead_[num_pending_] = static_cast<float>(at.ray.x());
+  left_[num_pending_] = static_cast<float>(at.ray.y());
+  up_[num_pending_] = static_cast<float>(at.ray.z());
   if (++num_pending_ == trace::kMaxRays) trace();
 }
 
@@ -128,7 +160,11 @@ void LinePainter::trace() {
   if (num_pending_ == 0) return;
   const auto [left_min, left_max] = std::minmax_element(left_, left_ + num_pending_);
   const auto [up_min, up_max] = std::minmax_element(up_, up_ + num_pending_);
-  const trace::Frustum frustum = trace::make_pyramid(*left_min, *left_max, *up_min, *up_max);
+  const auto pending = [&](const float* values) { return std::span(values, num_pending_); };
+  const bool fisheye = view_.pinhole->lens && view_.pinhole->lens->is_fisheye();
+  const trace::Frustum frustum = fisheye ? trace::make_frustum(pending(ahead_), pending(left_), pending(up_))
+                                         : trace::make_pyramid(*left_min, *left_max, *up_min, *up_max);
+  std::fill(ahead_ + num_pending_, std::end(ahead_), ahead_[0]);
   std::fill(left_ + num_pending_, std::end(left_), left_[0]);
   std::fill(up_ + num_pending_, std::end(up_), up_[0]);
   const trace::RayBundle* rays = nullptr;

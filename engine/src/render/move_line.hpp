@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -33,13 +34,18 @@ class LinePainter {
 
  private:
   using Vec3d = Eigen::Vector3d;
-  // A point of a line: its ray (1, left, up) in the camera's frame, its inverse depth, and its place in the image.
+  // A point of a line: the direction of its ray in the camera's frame, its inverse distance in lengths of that direction, and its
+  // place in the image.
   struct Point {
-    double left, up, inverse_depth;  // depth in m
-    double x, y;                     // px, from the upper left corner
+    Vec3d ray;
+    double inverse_depth;  // depth in m
+    double x, y;           // px, from the upper left corner
   };
   Point project(const Vec3d& local) const;
+  std::optional<Point> project_by_lens(
+      const Vec3d& local) const;  // none if it is outside of the image, or not between the planes
   void add(const Point& a, const Point& b);
+  void add_bent(const Vec3d& a, const Vec3d& b, int halvings);  // in straight parts
   void cover(std::size_t pixel, float share, const Point& at);
   void trace();  // the pending pixels
 

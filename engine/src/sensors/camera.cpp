@@ -15,21 +15,53 @@
 #include "base/require.hpp"
 #include "flockstep/sensors/camera.hpp"
 #include "prepared/prepared_world.hpp"
+#include "render/lens.hpp"
 #include "trace/ray_block.hpp"
 
 namespace flockstep {
 namespace {
 
 // Returns the focal length in pixels for a side with this many pixels.
-float focal_length(int pixels, float fov_deg) {
-  return static_cast<float>(0.5 * pixels / std::tan(0.5 * static_cast<double>(fov_deg) * std::numbers::pi / 180.0));
+float focal_length(int pixels, float fov_deg, Projection projection) {
+  const double angle = 0.5 * static_cast<double>(fov_deg) * std::numbers::pi / 180.0;
+  return static_cast<float>(0.5 * pixels / (projection == Projection::fisheye ? angle : std::tan(angle)));
+}
+
+// Checks the projection and its distortion.
+void require_lens(const CameraConfig& camera) {
+  const bool fisheye = camera.projection == Projection::fisheye;
+  const std::size_t count = camera.distortion.size();
+  require(count == 0 || count == 4 || (count == 5 && !fisheye), "camera.distortion",
+          fisheye ? "4 numbers, k1 to k4, or none" : "5 numbers, k1, k2, p1, p2 and k3, 4 without k3, or none", count);
+  require(!fisheye || !camera.outputs.depth || camera.depth_kind == DepthKind::range, "camera.depth_kind",
+          "\"range\" with projection=\"fisheye\"", "\"planar\"");
+  if (!camera.has_lens() || render::Lens(camera.projection, camera.distortion, camera.corner()).shows_every_pixel()) return;
+  if (count == 0) {
+    refuse(camera.vfov_deg && !camera.hfov_deg ? "camera.vfov_deg" : "camera.hfov_deg",
+           "an angle that keeps the corners of a fisheye within 180 degrees of the axis",
+           camera.hfov_deg.value_or(camera.vfov_deg.value_or(90.0F)));
+  }
+  refuse("camera.distortion",
+         std::string("coefficients that do not fold the image, with rays less than ") + (fisheye ? "180" : "89.5") +
+             " degrees from the axis",
+         "k1 = " + std::to_string(camera.distortion[0]));
 }
 
 }  // namespace
 
-float CameraConfig::fx() const { return hfov_deg || !vfov_deg ? focal_length(width_px, hfov_deg.value_or(90.0F)) : fy(); }
+float CameraConfig::fx() const {
+  return hfov_deg || !vfov_deg ? focal_length(width_px, hfov_deg.value_or(90.0F), projection) : fy();
+}
 
-float CameraConfig::fy() const { return vfov_deg ? focal_length(height_px, *vfov_deg) : fx(); }
+float CameraConfig::fy() const { return vfov_deg ? focal_length(height_px, *vfov_deg, projection) : fx(); }
+
+double CameraConfig::corner() const {
+  return std::hypot(0.5 * width_px / static_cast<double>(fx()), 0.5 * height_px / static_cast<double>(fy()));
+}
+
+bool CameraConfig::has_lens() const {
+  return projection == Projection::fisheye || std::ranges::any_of(distortion, [](float k) { return k != 0.0F; });
+}
 
 void DepthErrors::validate() const { check_fields(*this, "camera.depth_errors."); }
 
@@ -39,23 +71,25 @@ void CameraConfig::validate() const {
   check_fields(*this, "camera.");
   // Checks both fields of view, since one may be derived from the other.
   for (const float slope : {0.5F * static_cast<float>(width_px) / fx(), 0.5F * static_cast<float>(height_px) / fy()}) {
-    require(slope < 115.0F, hfov_deg ? "camera.hfov_deg" : "camera.vfov_deg",
+    require(slope < 115.0F || projection == Projection::fisheye, hfov_deg ? "camera.hfov_deg" : "camera.vfov_deg",
             "an angle that keeps the other below 179 degrees (pixels are square)",
             hfov_deg ? *hfov_deg : vfov_deg.value_or(90.0F));
   }
+  require_lens(*this);
   require(far_m > near_m, "camera.far_m", "a number > near_m (" + std::to_string(near_m) + ")", far_m);
   require(shadows || sun_size_deg == 0.0F, "camera.sun_size_deg", "0 without shadows", sun_size_deg);
   bool any = false;
   for_each_field(outputs, [&](const auto&, bool chosen) { any = any || chosen; });
-  require(any, "camera.outputs", "at least one of rgb, depth, semantic, instance, normal, grey, hsv", "none");
+  require(any, "camera.outputs", "at least one of rgb, depth, semantic, instance, normal, grey, hsv, events", "none");
   if (depth_errors != DepthErrors()) {
     require(outputs.depth, "camera.depth_errors", "DepthErrors() without the output depth", "others");
     require(depth_kind == DepthKind::planar, "camera.depth_kind", "\"planar\" with depth_errors", "\"range\"");
+    require(projection == Projection::pinhole, "camera.projection", "\"pinhole\" with depth_errors", "\"fisheye\"");
     require(depth_errors.min_range_m < far_m, "camera.depth_errors.min_range_m", "less than camera.far_m",
             depth_errors.min_range_m);
   }
-  require(outputs.any_color() || outputs.hsv || color_errors == ColorErrors(), "camera.color_errors",
-          "ColorErrors() without an output rgb, grey or hsv", "others");
+  require(outputs.any_color() || outputs.hsv || outputs.events || color_errors == ColorErrors(), "camera.color_errors",
+          "ColorErrors() without an output rgb, grey, hsv or events", "others");
   if (!resize) {
     require(pool == Pool::mean, "camera.pool", "\"mean\" without resize (set resize=(width, height) of the images)",
             std::string("\"") + EnumNames<Pool>::kNames[static_cast<std::size_t>(pool)] + '"');
@@ -85,7 +119,8 @@ std::size_t area(int width, int height) { return static_cast<std::size_t>(width)
 CameraConfig rendering_of(CameraConfig config) {
   config.resize.reset();
   config.outputs.rgb = config.outputs.rgb || config.outputs.hsv;
-  config.outputs.hsv = false;
+  config.outputs.grey = config.outputs.grey || config.outputs.events;
+  config.outputs.hsv = config.outputs.events = false;
   return config;
 }
 
@@ -114,13 +149,18 @@ Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t
       errors_(stream_named("errors of " + label())),
       blotch_threshold_(blotch_threshold(config.depth_errors.blotches)),
       color_levels_(has_color_errors_ ? make_levels(config.color_errors) : std::vector<std::uint8_t>()) {
+  if (config.projection == Projection::fisheye) policy_.tile_triangle_limit = 0;  // tiles have rays ahead only
   flockstep::allocate(taken_, {.num_drones = num_drones});
   allocate_images(images_, config.outputs, num_drones, pixels_);
   if (config.resize) {
     resample_.emplace(config.width_px, config.height_px, (*config.resize)[0], (*config.resize)[1], config.pool);
     allocate_images(frames_, rendering_.outputs, num_drones, rendered_pixels_);
-  } else if (config.outputs.hsv && !config.outputs.rgb) {
-    frames_.rgb.resize(3 * num_drones * rendered_pixels_);
+  } else {
+    if (config.outputs.hsv && !config.outputs.rgb) frames_.rgb.resize(3 * num_drones * rendered_pixels_);
+    if (config.outputs.events && !config.outputs.grey) frames_.grey.resize(num_drones * rendered_pixels_);
+  }
+  if (config.outputs.events) {
+    events_.emplace(config.event_pixels, pixels_, config.layout, label(), clock, drones_per_env, num_drones);
   }
   images_.frame_step.resize(num_drones, -1);
   images_.age_s.resize(num_drones);
@@ -183,6 +223,7 @@ std::optional<render::RenderRequest> Camera::take(DroneIndex drone, const World&
   const std::size_t env = drone / drones_per_env_;
   taken_.tick[drone] = state.tick[env];
   if (is_late() && !delay_.add(state, drone)) return std::nullopt;
+  if (events_) events_->take(drone, state);
   const Pose pose = pose_of(state, drone);
   store_pose(&taken_.position[3 * drone], &taken_.quat_wxyz[4 * drone], pose);
   taken_.world[drone] = state.world_index[env];
@@ -274,7 +315,7 @@ void Camera::add_errors(DroneIndex drone, const State& state, ConversionScratch&
 
 void Camera::convert(DroneIndex drone, const State& state, ConversionScratch& scratch) {
   if (errs()) add_errors(drone, state, scratch);
-  if (!resample_ && !config_.outputs.hsv) return;
+  if (!resample_ && !config_.outputs.hsv && !events_) return;
   CameraImages& images = written();
   const auto of_row = [&](auto& image, std::size_t values) { return image.data() + row_of(drone) * pixels_ * values; };
   const auto rendered = [&](auto& images, std::size_t values) { return images.data() + drone * rendered_pixels_ * values; };
@@ -300,6 +341,15 @@ void Camera::convert(DroneIndex drone, const State& state, ConversionScratch& sc
     imaging::rgb_to_hsv(rgb, config_.image_width_px(), config_.image_height_px(), config_.layout, of_row(images.hsv, 3),
                         scratch.hsv);
   }
+  if (events_) {
+    const std::uint8_t* grey = config_.outputs.grey ? of_row(images.grey, 1) : rendered(frames_.grey, 1);
+    if (resample_ && !config_.outputs.grey) {
+      scratch.grey.resize(pixels_);
+      (*resample_)(rendered(frames_.grey, 1), scratch.grey.data(), 1, scratch.resample);
+      grey = scratch.grey.data();
+    }
+    events_->write(drone, state, grey, of_row(images.events, 2));
+  }
 }
 
 void Camera::list_arrays(const std::function<void(const ArrayView&)>& list) const {
@@ -317,7 +367,8 @@ void Camera::visit(ArrayVisitor& visitor) {
   visitor.array("frame_age_s", images_.age_s);
   if (is_late()) rings_.visit(visitor);
   delay_.visit(visitor);
-  if (bodies_per_env_ > 0 || sees_drones_ || is_late() || errs()) visit_images(visitor);
+  if (events_) events_->visit(visitor);
+  if (keeps_images()) visit_images(visitor);
 }
 
 void Camera::visit_images(ArrayVisitor& visitor) {
@@ -332,6 +383,7 @@ void Camera::restored() {
 
 void Camera::check() const {
   delay_.check();
+  if (events_) events_->check();
   check_values(std::span<const float>(images_.age_s), "snapshot: frame_age_s", Values::finite);
   for (std::size_t i = 0; i < settings_.size(); ++i) {
     const DroneIndex drone(i);

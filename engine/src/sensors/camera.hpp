@@ -23,6 +23,7 @@
 #include "sensors/delay.hpp"
 #include "sensors/depth_errors.hpp"
 #include "sensors/drone_settings.hpp"
+#include "sensors/events.hpp"
 #include "sensors/sensor.hpp"
 
 namespace flockstep::sensors {
@@ -31,7 +32,8 @@ namespace flockstep::sensors {
 struct ConversionScratch {
   imaging::ResampleScratch resample;
   imaging::HsvScratch hsv;
-  std::vector<std::uint8_t> rgb;  // resized image, used only to compute hsv
+  std::vector<std::uint8_t> rgb;   // resized image, used only to compute hsv
+  std::vector<std::uint8_t> grey;  // resized image, used only to compute events
   DepthScratch depth_errors;
   ColorScratch color_errors;
 };
@@ -69,6 +71,7 @@ class Camera final : public Sensor {
     images_.frame_step[drone] = -1;
     images_.age_s[drone] = 0.0F;
     delay_.forget(drone);
+    if (events_) events_->forget(drone);
   }
   void use_default_settings(DroneIndex drone) override { set_config(drone, config_); }
   // Clears the images of a removed drone: black, depth inf, ids 0.
@@ -85,12 +88,14 @@ class Camera final : public Sensor {
   bool is_late() const { return delay_.is_late(); }
   // True if images err. A snapshot then holds them, because the seed may have changed since their frames were taken.
   bool errs() const { return has_depth_errors_ || has_color_errors_; }
+  // True if a snapshot has to hold the images, because rendering them again would give others.
+  bool keeps_images() const { return bodies_per_env_ > 0 || sees_drones_ || is_late() || errs() || events_.has_value(); }
   // Brings the image and its age up to date, when the frames of this step are rendered.
   void publish(DroneIndex drone, const State& state);
 
-  // True if the written images differ from the rendered ones because they err, are resized, or hsv is computed. Each frame must
-  // then be converted after rendering.
-  bool converts() const { return resample_.has_value() || config_.outputs.hsv || errs(); }
+  // True if the written images differ from the rendered ones because they err, are resized, or hsv or events are computed. Each
+  // frame must then be converted after rendering.
+  bool converts() const { return resample_.has_value() || config_.outputs.hsv || events_ || errs(); }
   void convert(DroneIndex drone, const State& state, ConversionScratch& scratch);
 
   // Returns the index of the world in the drone's frame. With visit() and retake(), this is all that a restored frame needs.
@@ -135,7 +140,7 @@ class Camera final : public Sensor {
   std::size_t row_of(DroneIndex drone) const { return is_late() ? delay_.newest(drone) : std::size_t{drone}; }
 
   CameraConfig config_;
-  CameraConfig rendering_;  // configuration of the renderer: no resize, rgb instead of hsv
+  CameraConfig rendering_;  // configuration of the renderer: no resize, rgb instead of hsv, grey instead of events
   trace::TracePolicy policy_;
   std::size_t drones_per_env_;
   std::size_t pixels_;                                           // pixels of a written image
@@ -147,6 +152,7 @@ class Camera final : public Sensor {
   CameraImages images_;
   Delay delay_;
   Rings<CameraImages> rings_;
+  std::optional<Events> events_;
   std::optional<imaging::Resample> resample_;
   bool has_depth_errors_, has_color_errors_;
   Stream errors_;                           // random numbers of the errors

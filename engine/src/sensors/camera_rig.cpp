@@ -107,7 +107,7 @@ void CameraRig::ask_now(std::size_t camera, std::span<const DroneIndex> drones) 
 void CameraRig::ask_again() {
   clear_requests();
   for (std::size_t camera = 0; camera < size(); ++camera) {
-    if (cameras_[camera]->is_late() || cameras_[camera]->errs()) continue;  // the snapshot has its images
+    if (cameras_[camera]->keeps_images()) continue;  // the snapshot has its images
     for (std::size_t i = 0; i < num_drones_; ++i) {
       const DroneIndex drone(i);
       if (!state_->active[drone] || cameras_[camera]->images().frame_step[drone] < 0) continue;

@@ -33,6 +33,7 @@ struct RayBundle {
   const float *x, *y, *z;       // (count + kRayPadding,) directions, sensor frame
   const Frustum* frustum;       // contains the directions, sensor frame
   bool numbered = true;         // elements are needed, not only distances; read by trace_direct() only
+  bool is_rectangle = false;    // directions (1, u, v) of a grid with rows of 16: all lie between its four corners
   bool no_hits_yet = false;     // no hits so far, t_hit and element are uninitialised; read by mesh_tiles.hpp only
   alignas(64) RayFloats t_hit;  // inf on a miss; written by tracing
   alignas(64) RayInts element;  // index as in raycast(), -1 on a miss; written by tracing

@@ -162,6 +162,7 @@ void Tracer::aim(const RayTile& tile) {
   bundle_.z = tile.z;
   bundle_.count = tile.rows * tile.width;
   bundle_.frustum = tile.frustum;
+  bundle_.is_rectangle = tile.is_rectangle;
 }
 
 bool Tracer::trace_candidates(const RayTile& tile, bool numbered) {

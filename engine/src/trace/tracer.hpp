@@ -64,6 +64,7 @@ struct RayTile {
   const TileView* view = nullptr;             // null if the rays spread too far; for enqueue() only
   const Fan* fan = nullptr;                   // these rays, to be traced as a slice, or null; for enqueue() only
   const TileAxis *u = nullptr, *v = nullptr;  // axes of y and z if x is 1; for trace() in tiles only
+  bool is_rectangle = false;                  // see RayBundle
 };
 
 // The hit of a ray of enqueue().

@@ -121,6 +121,11 @@ def normal_rgb(normal: Array) -> npt.NDArray[np.uint8]:
     return np.where(seen, np.rint(127.5 * (np.clip(normal, -1, 1) + 1)), 0).astype(np.uint8)
 
 
+def events_rgb(events: Array) -> npt.NDArray[np.uint8]:
+    """Return counts of events (..., 2) as colours: ON in red, OFF in blue."""
+    return np.insert(events, 1, 0, axis=-1)
+
+
 def depth_span(depth: Array) -> tuple[float, float]:
     """Return the smallest and the largest finite depth (m) above 0, or (1, 1) if there is none."""
     seen = depth[np.isfinite(depth) & (depth > 0)]
@@ -153,5 +158,5 @@ def id_rgb(ids: Array) -> npt.NDArray[np.uint8]:
 
 
 def _as_written(output: str, image: Array) -> Array:
-    encoders: dict[str, Callable[[Array], Array]] = {"depth": depth_mm, "normal": normal_rgb}
+    encoders: dict[str, Callable[[Array], Array]] = {"depth": depth_mm, "normal": normal_rgb, "events": events_rgb}
     return encoders[output](image) if output in encoders else image

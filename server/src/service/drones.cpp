@@ -266,9 +266,12 @@ void Service::locked(Call& call, const protocol::SetLidarConfig& set) {
 void Service::locked(Call& call, const protocol::GetCameraConfig& get) {
   require_drone(get.drone);
   CameraConfig config = batch_.camera(get.camera).config(DroneIndex(get.drone));
-  const float half_width = static_cast<float>(config.width_px) / 2.0F, half_height = static_cast<float>(config.height_px) / 2.0F;
-  const float hfov_deg = 2.0F * std::atan(half_width / config.fx()) / kDegree;
-  config.vfov_deg = 2.0F * std::atan(half_height / config.fy()) / kDegree;
+  const auto fov_deg = [&](int pixels, float focal) {
+    const float half = static_cast<float>(pixels) / 2.0F / focal;
+    return 2.0F * (config.projection == Projection::fisheye ? half : std::atan(half)) / kDegree;
+  };
+  const float hfov_deg = fov_deg(config.width_px, config.fx());
+  config.vfov_deg = fov_deg(config.height_px, config.fy());
   config.hfov_deg = hfov_deg;
   call.result<protocol::Config>().config_json = json_of(config).dump();
 }

@@ -10,7 +10,7 @@ from PIL import Image
 import flockstep
 from flockstep.pictures.frames import depth_mm, depth_rgb, id_rgb, normal_rgb
 
-OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey", "hsv")
+OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey", "hsv", "events")
 
 
 def batch_of(room, num_drones=2, **camera):
@@ -37,13 +37,16 @@ def test_files_hold_what_the_camera_saw(room, tmp_path, layout):
             continue
         index, output = int(path.stem.split("-")[1]), path.stem.split("-")[2]
         written, frame = read(path), getattr(camera, output)[index]
-        if output in ("rgb", "normal", "hsv") and layout == "chw":
+        if output in ("rgb", "normal", "hsv", "events") and layout == "chw":
             frame = frame.transpose(1, 2, 0)
         if output == "depth":
             assert written.dtype == np.uint16
             np.testing.assert_allclose(written / 1000, frame, atol=0.5001e-3)
         elif output == "normal":
             np.testing.assert_allclose(written / 127.5 - 1, frame, atol=0.51 / 127.5)
+        elif output == "events":
+            np.testing.assert_array_equal(written[..., [0, 2]], frame)
+            assert not written[..., 1].any()
         else:
             assert written.dtype == frame.dtype
             np.testing.assert_array_equal(written, frame)

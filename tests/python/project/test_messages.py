@@ -152,8 +152,8 @@ LidarConfig(hfov_deg="wide")
 CameraConfig(outputs="rgb")
   TypeError: outputs: expected a sequence of names, got 'rgb': write ('rgb',)
 CameraConfig(outputs=["dept"])
-  ValueError: outputs: expected names among rgb, depth, semantic, instance, normal, grey, hsv, got "dept". Did you
-  mean depth?
+  ValueError: outputs: expected names among rgb, depth, semantic, instance, normal, grey, hsv, events, got "dept".
+  Did you mean depth?
 CameraConfig(near_m=2, far_m=1)
   ValueError: camera.far_m: expected a number > near_m (2.000000), got 1
 DroneVectorEnv.from_recipe('{"worlds": ["/etc/passwd"]}')

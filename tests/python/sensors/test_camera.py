@@ -396,3 +396,18 @@ class TestGolden:
         # For depth: 2 mm of up to 12 m; except pixels on a silhouette.
         assert (error <= 2).mean() > 0.995
         assert name == "hall-depth" or error.mean() < 0.5
+
+
+def test_an_adaptive_image_shows_all_faces_of_a_box():
+    """Samples that are traced together may hit other faces than the first and the last of them."""
+    turn = Rotation.random(random_state=1).as_quat(scalar_first=True).tolist()
+    box = {"center": [3, 0, 0], "size": [2.5, 2.5, 2.5], "quat_wxyz": turn}
+    world = flockstep.World.from_dict({"flockstep_scene": 1, "name": "box", "boxes": [box]})
+    images = []
+    for adaptive in (False, True):
+        camera = {"width_px": 96, "height_px": 72, "hfov_deg": 25, "outputs": ("rgb",), "samples_per_pixel": 16}
+        batch = flockstep.Batch([world], 20, cameras=[flockstep.CameraConfig(**camera, adaptive_samples=adaptive)])
+        batch.set_pose(np.float32([[0, 0.026 * i, 0.2] for i in range(20)]))
+        batch.sense()
+        images.append(batch.camera().rgb.astype(int))
+    assert (np.abs(images[0] - images[1]) > 8).any(axis=-1).sum() <= 2  # no pixel beside them shows a corner

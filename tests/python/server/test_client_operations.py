@@ -266,6 +266,20 @@ def test_sensors_that_err(room, connect):
         np.testing.assert_array_equal(depth, batch.camera().depth[1])
 
 
+def test_a_fisheye_with_events(room, connect):
+    lens = {"projection": "fisheye", "hfov_deg": 120, "vfov_deg": 75, "distortion": [-0.02, 0.01, 0, 0]}
+    pixels = flockstep.EventPixels(threshold=0.5, leak_hz=2)
+    camera = flockstep.CameraConfig(width_px=16, height_px=10, outputs=("grey", "events"), event_pixels=pixels, **lens)
+    batch = placed([room], START, camera=camera)
+    batch.sense()
+    with served(batch, connect) as client:
+        settings = client.drone(1).get_camera_config()
+        assert (settings.hfov_deg, settings.vfov_deg) == pytest.approx((120, 75))
+        assert (settings.projection, settings.distortion) == ("fisheye", camera.distortion)
+        assert settings.event_pixels == pixels
+        assert client.drone(1).get_camera_data(format="raw", output="events").image.shape == (10, 16, 2)
+
+
 def test_move_lines(client, batch):
     drone = client.drone(2)
     assert drone.get_move_line_visible() is False

@@ -1,4 +1,4 @@
-// CameraConfig: a pinhole camera. readings.hpp has its images, CameraImages.
+// CameraConfig: a camera. readings.hpp has its images, CameraImages.
 #pragma once
 
 #include <array>
@@ -12,9 +12,18 @@
 #include "flockstep/fields.hpp"
 #include "flockstep/sensors/color_errors.hpp"
 #include "flockstep/sensors/depth_errors.hpp"
+#include "flockstep/sensors/event_pixels.hpp"
 #include "flockstep/sensors/sensor_fields.hpp"
 
 namespace flockstep {
+
+// Distance of a ray's pixel from the centre of the image: the focal length times the tangent of its angle from the optical axis,
+// or times the angle.
+enum class Projection : std::uint8_t { pinhole, fisheye };
+template <>
+struct EnumNames<Projection> {
+  static constexpr std::array kNames{"pinhole", "fisheye"};
+};
 
 // Meaning of depth: distance along the optical axis, or from the camera.
 enum class DepthKind : std::uint8_t { planar, range };
@@ -60,18 +69,19 @@ struct CameraOutputs {
   bool normal = false;    // surface normal, world frame
   bool grey = false;      // grey value
   bool hsv = false;       // hue, saturation, value
+  bool events = false;    // changes of brightness
 
   static constexpr auto fields() {
     using C = CameraOutputs;
     return field_list(field("rgb", &C::rgb), field("depth", &C::depth), field("semantic", &C::semantic),
                       field("instance", &C::instance), field("normal", &C::normal), field("grey", &C::grey),
-                      field("hsv", &C::hsv));
+                      field("hsv", &C::hsv), field("events", &C::events));
   }
 
   bool any_color() const { return rgb || grey; }  // true if colours are rendered
 };
 
-// A pinhole camera. Camera frame: x along the optical axis, y left, z up. The optical axis passes through the centre of the
+// A camera. Camera frame: x along the optical axis, y left, z up. The optical axis passes through the centre of the
 // image.
 struct CameraConfig {
   std::string name = "front";
@@ -79,6 +89,8 @@ struct CameraConfig {
   int height_px = 480;
   std::optional<float> hfov_deg;
   std::optional<float> vfov_deg;
+  Projection projection = Projection::pinhole;
+  std::vector<float> distortion;
   std::array<float, 3> offset_m{0, 0, 0};
   std::array<float, 4> quat_wxyz{1, 0, 0, 0};
   float near_m = 0.05F;
@@ -100,6 +112,7 @@ struct CameraConfig {
   Pool pool = Pool::mean;
   DepthErrors depth_errors;
   ColorErrors color_errors;
+  EventPixels event_pixels;
 
   static constexpr int kMaxSide = 8192;  // px, maximum width and height of an image
 
@@ -115,6 +128,11 @@ struct CameraConfig {
                .unit = "deg",
                .limits = between(0.1, 179)}),
         field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0.1, 179)}),
+        field("projection", &C::projection,
+              {.about = "``\"pinhole\"``, or ``\"fisheye\"``, whose depths are ranges. Only by ``\"raycast\"``."}),
+        field("distortion", &C::distortion,
+              {.about = "Coefficients as in OpenCV: k1, k2, p1, p2, k3, or a fisheye's k1 to k4. Only by ``\"raycast\"``.",
+               .limits = within(1e6)}),
         field("offset_m", &C::offset_m, kMountOffset), field("quat_wxyz", &C::quat_wxyz, kMountRotation),
         field("near_m", &C::near_m,
               {.about = "Minimum planar depth, less than ``far_m``: nearer surfaces are not rendered.",
@@ -124,10 +142,10 @@ struct CameraConfig {
               {.about = "Maximum planar depth: beyond it is sky.", .unit = "m", .limits = above_up_to(0, 1e6)}),
         field("outputs", &C::outputs,
               {.about = "Images to write, at least one: ``\"rgb\"``, ``\"depth\"``, ``\"semantic\"``, ``\"instance\"``, "
-                        "``\"normal\"``, ``\"grey\"``, ``\"hsv\"``."}),
+                        "``\"normal\"``, ``\"grey\"``, ``\"hsv\"``, ``\"events\"``."}),
         field("depth_kind", &C::depth_kind, {.about = "``\"planar\"``: along the optical axis. ``\"range\"``: from the camera."}),
         field("layout", &C::layout,
-              {.about = "Shape of rgb, hsv and normal images. ``\"hwc\"``: (N, H, W, 3). ``\"chw\"``: (N, 3, H, W)."}),
+              {.about = "Shape of images with C channels. ``\"hwc\"``: (N, H, W, C). ``\"chw\"``: (N, C, H, W)."}),
         field("capture_mode", &C::capture_mode,
               {.about = "``\"every_step\"``: renders after every step, or at ``rate_hz``. ``\"on_movement\"``: after a step, if "
                         "the drone's pose or world has changed. ``\"on_demand\"``: only in `Batch.capture`. The first two also "
@@ -161,7 +179,8 @@ struct CameraConfig {
                         "``\"min\"``, ``\"max\"``: of each channel. Depth with mean or max is inf if any pixel misses, with min "
                         "if all do."}),
         field("depth_errors", &C::depth_errors, {.about = "How planar depths err."}),
-        field("color_errors", &C::color_errors, {.about = "How colours err. ``grey`` has noise of its own."}));
+        field("color_errors", &C::color_errors, {.about = "How colours err. ``grey`` has noise of its own."}),
+        field("event_pixels", &C::event_pixels, {.about = "How pixels count events."}));
   }
 
   // Returns the depth camera of a product, such as "d435", with its errors; docs/reference/sensors.md lists the products. Throws
@@ -173,9 +192,13 @@ struct CameraConfig {
 
   // True if images need rays for ambient occlusion or for a sun of some size.
   bool has_soft_light() const { return ambient_occlusion_rays > 0 || sun_size_deg > 0.0F; }
+  // True if the camera is not a plain pinhole.
+  FLOCKSTEP_API bool has_lens() const;
   FLOCKSTEP_API void validate() const;
   FLOCKSTEP_API float fx() const;  // px
   FLOCKSTEP_API float fy() const;  // px
+  // Distance between the centre and the corners of the image, in focal lengths.
+  FLOCKSTEP_API double corner() const;
   // Size of the written images.
   int image_width_px() const { return resize ? (*resize)[0] : width_px; }
   int image_height_px() const { return resize ? (*resize)[1] : height_px; }  // px

@@ -86,6 +86,7 @@ struct CameraImages {
   std::vector<float> normal;
   std::vector<std::uint8_t> grey;
   std::vector<std::uint8_t> hsv;
+  std::vector<std::uint8_t> events;
   std::vector<std::int64_t> frame_step;
   std::vector<float> age_s;
 
@@ -121,6 +122,12 @@ struct CameraImages {
                .values = Values::any,
                .writer = kWriter,
                .about = "hue / 2 in degrees, saturation, value, as in OpenCV"}),
+        array("events", &C::events,
+              {.per = Per::pixel,
+               .columns = 2,
+               .values = Values::any,
+               .writer = kWriter,
+               .about = "ON and OFF events since the last image, at most 255 each"}),
         array("frame_step", &C::frame_step,
               {.values = Values::last_count,
                .writer = kWriter,

@@ -157,19 +157,18 @@ bool has_soft_light(const RenderRequest& request, const CameraOutputs& wanted) {
   return request.camera->has_soft_light() && wanted.any_color();
 }
 
-// Traces and shades the rays of a tile. With soft light, they have their random numbers.
-void shoot(const RenderRequest& request, const trace::RayTile& tile, const CameraOutputs& wanted, RaycastScratch& scratch) {
-  const trace::RayBundle& rays = scratch.tracer.trace(tile);
+// Traces and shades rays of a tile. With soft light, they have their random numbers.
+void shoot(const RenderRequest& request, const PixelTile& tile, const trace::RayTile& shot, const CameraOutputs& wanted,
+           RaycastScratch& scratch) {
+  const trace::RayBundle& rays = scratch.tracer.trace(shot);
   const bool shadows = request.camera->shadows && wanted.any_color();
   const bool soft = has_soft_light(request, wanted);
   if (shadows) find_shadows(request, rays, scratch);
   if (soft) find_soft_light(request, rays, shadows, scratch);
   const auto shaded = shadows && !soft ? std::span<const std::uint8_t>(scratch.shaded) : std::span<const std::uint8_t>();
-  const PinholeCamera& pinhole = *request.pinhole;
-  const auto samples = static_cast<float>(std::max(pinhole.grids.size() - 1, std::size_t{1}));
-  request.shading->shade(rays, scratch.tracer.details(), shaded, soft ? &scratch.soft : nullptr,
-                         1.0F / (pinhole.fx * pinhole.fy * samples), wanted, request.camera->depth_kind, scratch.bodies,
-                         scratch.pixels);
+  const auto samples = static_cast<float>(std::max(request.pinhole->grids.size() - 1, std::size_t{1}));
+  request.shading->shade(rays, scratch.tracer.details(), shaded, soft ? &scratch.soft : nullptr, 1.0F / (tile.density * samples),
+                         wanted, request.camera->depth_kind, scratch.bodies, scratch.pixels);
 }
 
 // Sets the random numbers of the ray through a pixel of a tile.
@@ -184,15 +183,16 @@ void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const
             RaycastScratch& scratch) {
   const std::size_t pixels = has_soft_light(request, wanted) ? tile.height * PixelTile::kSide : 0;
   for (std::size_t i = 0; i < pixels; ++i) seed(request, grid, tile, i, i, scratch);
-  shoot(request,
-        {.x = scratch.ones,
-         .y = grid.left.data() + tile.column * PixelTile::kSide,
-         .z = grid.up.data() + tile.row * PixelTile::kSide,
+  shoot(request, tile,
+        {.x = grid.ahead.empty() ? scratch.ones : grid.ahead.data() + tile.across * TilePixels::kCount,
+         .y = grid.left.data() + tile.across * TilePixels::kCount,
+         .z = grid.up.data() + tile.down * TilePixels::kCount,
          .rows = tile.height,
          .width = PixelTile::kSide,
          .frustum = &tile.frustum,
-         .u = &grid.columns[tile.column / PixelTile::kSide],
-         .v = &grid.rows[tile.row / PixelTile::kSide]},
+         .u = grid.columns.empty() ? nullptr : &grid.columns[tile.across],
+         .v = grid.rows.empty() ? nullptr : &grid.rows[tile.down],
+         .is_rectangle = !request.pinhole->lens},
         wanted, scratch);
 }
 
@@ -289,14 +289,15 @@ void refine(const RenderRequest& request, const PixelTile& tile, std::span<const
   for (const std::size_t pixel : list) {
     for (const PinholeCamera::Grid& grid : grids) {
       if (request.camera->has_soft_light()) seed(request, grid, tile, pixel, rays, scratch);
-      scratch.left[rays] = grid.left[tile.column * PixelTile::kSide + pixel];
-      scratch.up[rays++] = grid.up[tile.row * PixelTile::kSide + pixel];
+      scratch.ahead[rays] = grid.ahead.empty() ? 1.0F : grid.ahead[tile.across * TilePixels::kCount + pixel];
+      scratch.left[rays] = grid.left[tile.across * TilePixels::kCount + pixel];
+      scratch.up[rays++] = grid.up[tile.down * TilePixels::kCount + pixel];
     }
   }
-  for (float* const of : {scratch.left, scratch.up}) std::fill(of + rays, of + trace::kMaxRays, of[rays - 1]);
+  for (float* const of : {scratch.ahead, scratch.left, scratch.up}) std::fill(of + rays, of + trace::kMaxRays, of[rays - 1]);
   const trace::TileAxis u = trace::make_tile_axis(scratch.left), v = trace::make_tile_axis(scratch.up);
-  shoot(request,
-        {.x = scratch.ones,
+  shoot(request, tile,
+        {.x = scratch.ahead,
          .y = scratch.left,
          .z = scratch.up,
          .rows = (rays + PixelTile::kSide - 1) / PixelTile::kSide,

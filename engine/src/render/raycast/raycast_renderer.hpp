@@ -22,7 +22,7 @@ struct RaycastScratch {
   TilePixels facing;                                      // normals of the surfaces that ambient light falls on
   alignas(64) std::uint16_t sums[3][TilePixels::kCount];  // sums of r, g and b over the samples
   alignas(64) trace::RayFloats ones;                      // x of all ray directions
-  alignas(64) trace::RayFloats left, up;                  // y and z of the directions of refined pixels' samples
+  alignas(64) trace::RayFloats ahead, left, up;           // directions of refined pixels' samples
   TilePixels refined;                                     // colours of a tile with refined pixels
 
   RaycastScratch();

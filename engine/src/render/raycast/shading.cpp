@@ -26,10 +26,10 @@
 namespace flockstep::render {
 
 // Returns the visible face of a box (-x, +x, -y, ...) that all rays of a tile hit, or -1 if that is uncertain. All rays must
-// hit the box. A face is convex, and so is its projection, so the whole tile shows the face that its four corners show. This
+// hit the box. A face is convex, and so is its projection, so a rectangle of rays shows the face that its corners show. This
 // may fail if the near plane cuts the box, so the result is -1 in that case.
 inline int common_face(const trace::Shape& shape, const trace::RayBundle& rays) {
-  if (shape.kind != trace::ShapeKind::box) return -1;
+  if (shape.kind != trace::ShapeKind::box || !rays.is_rectangle) return -1;
   const float* const half = shape.half_extents;
   const Vec3 origin = trace::rotated(shape.to_local, rays.origin - Vec3(shape.center[0], shape.center[1], shape.center[2]));
   const std::array<std::size_t, 4> corners{0, PixelTile::kSide - 1, rays.count - PixelTile::kSide, rays.count - 1};

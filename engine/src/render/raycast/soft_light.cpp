@@ -41,7 +41,7 @@ Vec3 on_hemisphere(const std::array<std::uint32_t, 2>& words) {
 // Returns vector v, given in a frame whose z axis is the unit vector n, in the frame of n.
 // Source: T. Duff et al., "Building an orthonormal basis, revisited", JCGT 6(1), 2017.
 Vec3 around(const Vec3& n, const Vec3& v) {
-  const float sign = std::copysign(1.0F, n.z());
+  const float sign = std::copysign(1.0F, n.z() + 0.0F);  // -0 is 0: the same surface may have either
   const float a = -1.0F / (sign + n.z());
   const float b = n.x() * n.y() * a;
   return {(1.0F + sign * n.x() * n.x() * a) * v.x() + (b * v.y() + n.x() * v.z()),
