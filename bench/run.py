@@ -267,6 +267,10 @@ BENCHES = {
     "reality": Bench("fits of real flights, which are in FLOCKSTEP_REAL_FLIGHTS", "peers.real_flights", True),
     "variations": Bench("steps with drones that differ beside drones alike; memory", "variations"),
     "rotors_varied": Bench("two trainings with drones that differ and without", "tasks:measure_varied", True),
+    "sensor_errors": Bench(
+        "race and LiDAR by rotors, with exact and with erring sensors", "tasks:measure_erring", True
+    ),
+    "depth_errors": Bench("the forest, with exact and with erring depth", "tasks:measure_erring_depth", True),
     "race": Bench("steps of Race, with gates that are solid and with gates that are not", "tasks:measure_race"),
     "bodies": Bench("scans, steps and images among bodies, and beside the same static solids; scripts", "bodies"),
     "contact_groups": Bench("steps of drones that sense each other and collide", "contact_groups"),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import flockstep
-from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, Verdict, best_of, judge, train
+from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, Training, Verdict, best_of, judge, train
 from flockstep.variations import presets
 from timing import Measured, Median, in_turns, timed
 
@@ -82,16 +83,58 @@ def measure_varied() -> Iterator[Measured]:
     from training import forest_flight, rotor_navigation
 
     for task, training in (("lidar_rotors", rotor_navigation.TRAINING), ("forest", forest_flight.TRAINING)):
-        for label, differs in ROTORS.items():
-            row = replace(training, learns=lambda t=training, d=differs: {**t.learns(), **d})
-            for seed in range(SEEDS):
-                model = train(row, "flockstep", seed, 2)
-                for kind, own in ROTORS.items():
-                    judged = replace(
-                        row, judged=lambda flights, first, t=training, o=own: _with(t.judged(flights, first), o)
-                    )
-                    verdict = judge(judged, model, training.flights, FIRST)
-                    yield f"rotors_varied/{task}/{label}/{seed}/{kind}", verdict.success, "1", training.flights
+        yield from crossed(f"rotors_varied/{task}", training, ROTORS)
+
+
+def measure_erring() -> Iterator[Measured]:
+    """Train race and the LiDAR task by rotors with exact and with erring sensors; judge both on both."""
+    from training import rotor_navigation
+
+    lidar = copy(rotor_navigation.RotorNavigation.lidar)
+    lidar.errors = flockstep.LidarConfig.preset("vl53l1x").errors
+    lidar.errors.dropout = 0.02
+    yield from crossed("sensor_errors/race", TRAININGS["race"], {"exact": {}, "erring": {"pose_sensor": ESTIMATE}})
+    yield from crossed(
+        "sensor_errors/lidar_rotors", rotor_navigation.TRAINING, {"exact": {}, "erring": {"lidar": lidar}}
+    )
+
+
+def measure_erring_depth() -> Iterator[Measured]:
+    """Train the forest at two speeds with exact and with erring depth; judge both on both."""
+    from training import forest_flight
+
+    camera = copy(forest_flight.ForestFlight.camera)
+    camera.depth_errors = flockstep.CameraConfig.preset("d435").depth_errors
+    for task, training in (("forest", forest_flight.TRAINING), ("forest_fast", forest_flight.FAST)):
+        yield from crossed(f"depth_errors/{task}", training, {"exact": {}, "erring": {"camera": camera}})
+
+
+#: As of visual-inertial odometry, so that a policy knows no exact pose.
+ESTIMATE = flockstep.PoseSensorConfig(
+    position_noise_std_m=0.005,
+    orientation_noise_std_deg=0.2,
+    velocity_noise_std_mps=0.03,
+    position_random_walk=0.02,
+    yaw_random_walk=0.1,
+    rate_hz=50,
+    latency_s=0.02,
+)
+
+
+def crossed(name: str, training: Training, kinds: Mapping[str, dict[str, Any]]) -> Iterator[Measured]:
+    """Train with the keywords of each kind, and judge each policy with those of all."""
+    for label, learnt in kinds.items():
+        row = replace(training, learns=lambda own=learnt: {**training.learns(), **own})
+        for seed in range(SEEDS):
+            before = time.process_time()
+            model = train(row, "flockstep", seed, 2)
+            yield f"{name}/{label}/{seed}/cpu_s", time.process_time() - before, "s", 1
+            for kind, flown in kinds.items():
+                judged = replace(
+                    row, judged=lambda flights, first, own=flown: _with(training.judged(flights, first), own)
+                )
+                verdict = judge(judged, model, training.flights, FIRST)
+                yield f"{name}/{label}/{seed}/{kind}", verdict.success, "1", training.flights
 
 
 def _with(kinds: Mapping[str, dict[str, Any]], own: dict[str, Any]) -> dict[str, dict[str, Any]]:

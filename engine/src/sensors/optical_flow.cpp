@@ -59,11 +59,7 @@ class OpticalFlow final : public NoisySensor<OpticalFlowReadings> {
     const State& state = surroundings.state;
     OpticalFlowReadings& truth = readings_.truth();
     for (const DroneIndex drone : drones) {
-      beam_.scan(surroundings.scene_of(drone), surroundings.bodies_of(drone), surroundings.drones_seen_by(drone),
-                 pose_of(state, drone), drone, &truth.distance[drone], surroundings.tracer);
-    }
-    surroundings.tracer.finish();
-    for (const DroneIndex drone : drones) {
+      beam_.scan(drone, surroundings, false, {&truth.distance[drone], 1});
       const float distance = truth.distance[drone];
       const Vec3 velocity = pose_of(state, drone).rotation.conjugate() * of_row(state.flight.velocity, drone);
       const Vec3 point = offset_ - distance * Vec3::UnitZ();

@@ -7,7 +7,7 @@ from conftest import world_of
 import flockstep
 from flockstep.rotations import rotate
 from flockstep.testing import check_vector_env
-from training.forest_flight import COMMANDED_MPS, DEPTH, FAR_M, GOAL_RADIUS_M, ForestFlight, straight
+from training.forest_flight import DEPTH, FAR_M, GOAL_RADIUS_M, ForestFlight, straight
 
 AHEAD = np.zeros((1, 3), np.float32)
 DOWN = np.float32([[0, -1, 0]])
@@ -63,7 +63,7 @@ def test_straight_flight_reaches_the_goal_at_the_commanded_speed(fly):
     assert flown_m > 20 - GOAL_RADIUS_M
     assert (terms["reached"], terms["crash"]) == (5, 0)
     speeds = [step[0][0, 196] for step in steps]  # 0.4 times the forward velocity in the body frame, less 2
-    assert 4.7 < np.max(speeds) / 0.4 + 5 < COMMANDED_MPS
+    assert 4.7 < np.max(speeds) / 0.4 + 5 < ForestFlight.commanded_mps
     assert steps[-1][-1]["speed_mps"][0] == pytest.approx(flown_m / (len(steps) / 10), rel=0.01)
 
 
@@ -130,7 +130,7 @@ def test_commands_have_one_speed():
     envs = flockstep.DroneVectorEnv(3, task=ForestFlight(), worlds=clearing())
     actions = np.float32([[0, 0, 0], [1, 1, 1], [-3, 0.5, -0.5]])
     commands = envs.task.act(envs.batch, actions)
-    np.testing.assert_allclose(np.linalg.norm(commands[:, :3], axis=1), COMMANDED_MPS, rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(commands[:, :3], axis=1), ForestFlight.commanded_mps, rtol=1e-6)
     np.testing.assert_allclose(commands[1, 1:3] / commands[1, 0], [1, 0.5], rtol=1e-6)
     np.testing.assert_allclose(commands[2, 1:3] / commands[2, 0], [-1, 0.25], rtol=1e-6)
     np.testing.assert_allclose(commands[:, 3], [0, 2, -1])

@@ -17,7 +17,7 @@ struct SwapConfig {
   static TaskWords words() {
     return {
         .about =
-            "Each drone is an agent, and all fly by one policy. 2 to 32 drones fit into the default world. The goal of drone "
+            "Each drone is an agent, and all fly by one policy. Up to 32 drones fit into the default world. The goal of drone "
             "m of M is the place of drone (m + M // 2) % M. One drone alone flies to the opposite place. The drones move in the "
             "plane.",
         .start =
