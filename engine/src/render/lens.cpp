@@ -25,7 +25,7 @@ Lens::Lens(Projection projection, std::span<const float> distortion, double corn
 }
 
 double Lens::radial(double s) const { return 1.0 + s * (k_[0] + s * (k_[1] + s * (k_[2] + s * k_[3]))); }
-double Lens::of_radial(double s) const { return k_[0] + s * (2.0 * k_[1] + s * (3.0 * k_[2] + s * 4.0 * k_[3])); }
+double Lens::radial_slope(double s) const { return k_[0] + s * (2.0 * k_[1] + s * (3.0 * k_[2] + s * 4.0 * k_[3])); }
 
 // to_image() is the gradient of a potential, and injective where that is convex: where the derivatives of the radial part along
 // and across the radius exceed the tangential part's, which are at most 6 |q| r. The image of a disc of radius r then includes a
@@ -37,7 +37,7 @@ double Lens::find_reach(double corner) const {
   const double q = q_.norm();
   double r = 0.0;
   for (int i = 0; i < kMaxSteps && r < most; ++i) {
-    const double s = r * r, across = radial(s), along = across + 2.0 * s * of_radial(s);
+    const double s = r * r, across = radial(s), along = across + 2.0 * s * radial_slope(s);
     if (!(std::min(across, along) - 6.0 * q * r >= kMinSlope)) return 0.0;
     if (r * across - 3.0 * q * s >= corner) return r;
     r += corner / (kSteps * std::max(along, 1.0));
@@ -56,7 +56,7 @@ Lens::Point Lens::to_ideal(const Point& image, const Point& start) const {
   Point miss = image - to_image(ideal);
   for (int i = 0; i < kMaxSteps && miss.squaredNorm() > 1e-24 * (1.0 + image.squaredNorm()); ++i) {
     const double s = ideal.squaredNorm();
-    const Eigen::Matrix2d outer = ideal * (2.0 * (of_radial(s) * ideal + q_)).transpose() + 2.0 * q_ * ideal.transpose();
+    const Eigen::Matrix2d outer = ideal * (2.0 * (radial_slope(s) * ideal + q_)).transpose() + 2.0 * q_ * ideal.transpose();
     const Eigen::Matrix2d slopes = outer + (radial(s) + 2.0 * q_.dot(ideal)) * Eigen::Matrix2d::Identity();
     Point step = slopes.inverse() * miss;
     Point next = ideal + step, next_miss = image - to_image(next);

@@ -41,8 +41,8 @@ class Lens {
   bool is_fisheye() const { return fisheye_; }
 
  private:
-  double radial(double s) const;     // 1 + k1 s + ...
-  double of_radial(double s) const;  // its derivative
+  double radial(double s) const;        // 1 + k1 s + ...
+  double radial_slope(double s) const;  // its derivative
   double find_reach(double corner) const;
 
   bool fisheye_;

@@ -35,7 +35,11 @@ void require_lens(const CameraConfig& camera) {
           fisheye ? "4 numbers, k1 to k4, or none" : "5 numbers, k1, k2, p1, p2 and k3, 4 without k3, or none", count);
   require(!fisheye || !camera.outputs.depth || camera.depth_kind == DepthKind::range, "camera.depth_kind",
           "\"range\" with projection=\"fisheye\"", "\"planar\"");
-  if (!camera.has_lens() || render::Lens(camera.projection, camera.distortion, camera.corner()).shows_every_pixel()) return;
+  if (!camera.has_lens()) return;
+  constexpr long long kMaxRays = 1LL << 27;
+  const long long rays = (1LL + camera.samples_per_pixel) * camera.width_px * camera.height_px;
+  require(rays <= kMaxRays, "camera.width_px x height_px", "at most 134217728 rays of all samples with a lens", rays);
+  if (render::Lens(camera.projection, camera.distortion, camera.corner()).shows_every_pixel()) return;
   if (count == 0) {
     refuse(camera.vfov_deg && !camera.hfov_deg ? "camera.vfov_deg" : "camera.hfov_deg",
            "an angle that keeps the corners of a fisheye within 180 degrees of the axis",

@@ -8,7 +8,7 @@ from messages import refused
 from PIL import Image
 
 import flockstep
-from flockstep.pictures.frames import depth_mm, depth_rgb, id_rgb, normal_rgb
+from flockstep.pictures.frames import depth_mm, depth_rgb, events_rgb, id_rgb, normal_rgb
 
 OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey", "hsv", "events")
 
@@ -50,6 +50,10 @@ def test_files_hold_what_the_camera_saw(room, tmp_path, layout):
         else:
             assert written.dtype == frame.dtype
             np.testing.assert_array_equal(written, frame)
+
+
+def test_events_are_red_and_blue():
+    np.testing.assert_array_equal(events_rgb(np.uint8([[[3, 0], [1, 255]]])), [[[3, 0, 0], [1, 0, 255]]])
 
 
 def luminance(rgb):

@@ -273,6 +273,10 @@ FOLDED = (-1.0, 0, 0, 0, 0)  # at a radius of 0.58
         ({"projection": "fisheye", "width_px": 10, "height_px": 90}, ["camera.hfov_deg", "180", 90]),
         ({"projection": "fisheye", "width_px": 90, "height_px": 10, "vfov_deg": 45}, ["camera.vfov_deg", "180", 45]),
         ({"projection": "fisheye", "depth_kind": "planar"}, ["camera.depth_kind", "range", "planar"]),
+        (
+            {"projection": "fisheye", "width_px": 8192, "height_px": 8192, "samples_per_pixel": 4},
+            ["camera.width_px", 134217728, 5 * 8192**2],
+        ),
         ({"projection": "orthographic"}, ["projection", "orthographic"]),
     ],
 )
