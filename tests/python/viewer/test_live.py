@@ -214,6 +214,7 @@ def test_ends_of_episodes_are_told_once(closet):
     with flockstep.view(envs, browser=False) as live:
         watcher = Watcher(live.address)
         watcher.say(paused=True)
+        watcher.until(lambda: watcher.status.get("paused"))  # or the episode might end before the first moment
         with stepping(lambda: envs.step([0])):
             told = []
             watcher.until(lambda: watcher.moments)
