@@ -150,7 +150,14 @@ def test_stub_and_documents_are_made_from_the_lists_of_the_engine(monkeypatch):
     text = "".join(page.read_text(encoding="utf-8") for page in pages)
     others = {_core.NetworkConfig, _core.RolloutConfig, _core.UpdateConfig, _core.NavigationReward, _core.ColorRange}
     others |= {*_core.engine_tasks.values(), _core.ServerConfig, _core.GradientConfig, _core.BarometerConfig}
-    others |= {_core.MagnetometerConfig, _core.GpsReceiverConfig, _core.OpticalFlowConfig}
+    others |= {
+        _core.MagnetometerConfig,
+        _core.GpsReceiverConfig,
+        _core.OpticalFlowConfig,
+        _core.ImuConfig,
+        _core.PoseSensorConfig,
+    }
+    others |= {_core.RangeErrors, _core.DepthErrors, _core.ColorErrors, _core.EventPixels}
     named = {config.__name__ for config in {*CONFIGURATIONS} - others}
     for name in [*sorted(named), "Airframe", "BatchConfig"]:
         assert f"<!-- fields of {name} -->\n| field |" in text, name
