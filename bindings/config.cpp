@@ -404,13 +404,7 @@ void register_config(py::module_& module) {
   register_fields<EventPixels>(module, "EventPixels");
   register_fields<CameraConfig>(module, "CameraConfig")
       .def_static("preset", &CameraConfig::preset, py::arg("product"))
-      .def(
-          "stereo_pair",
-          [](const CameraConfig& camera, float baseline_m) {
-            const auto [left, right] = camera.stereo_pair(baseline_m);
-            return py::make_tuple(left, right);
-          },
-          py::arg("baseline_m"))
+      .def("stereo_pair", &CameraConfig::stereo_pair, py::arg("baseline_m"))
       .def_property_readonly("fx", [](const CameraConfig& camera) { return camera.fx(); })
       .def_property_readonly("fy", [](const CameraConfig& camera) { return camera.fy(); })
       .def_property_readonly("cx", [](const CameraConfig& c) { return 0.5 * c.width_px; })
@@ -430,10 +424,8 @@ void register_config(py::module_& module) {
                       "Return one with the errors of a product or simulator. `ValueError` lists the names.");
     }
   });
-  register_fields<BodyMotion>(module, "BodyMotion",
-                              "The script that moves a body. Its pose is a function of the time since the episode began.");
-  register_fields<BodyConfig>(module, "BodyConfig",
-                              "A solid in each env that may move: LiDARs and cameras see it, and drones hit it.");
+  register_fields<BodyMotion>(module, "BodyMotion", "Moves a body. Its pose is a function of the time since the episode began.");
+  register_fields<BodyConfig>(module, "BodyConfig", "A solid in each env that may move: sensors see it, and drones hit it.");
   register_fields<Light>(module, "Light", "Sun, sky and fog of camera images. ``Light(**world.light)`` is the light of a world.");
   register_fields<EpisodeConfig>(module, "EpisodeConfig", "Begin and end of episodes, the same for every task.");
   register_fields<ObservationConfig>(module, "ObservationConfig",

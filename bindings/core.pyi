@@ -149,20 +149,20 @@ class CameraConfig:
             There is none of this name. The message lists all.
         """
 
-    def stereo_pair(self, baseline_m: float) -> tuple[CameraConfig, CameraConfig]:
-        """Return this camera as the left one of a stereo pair, and the right one.
+    def stereo_pair(self, baseline_m: float) -> list[CameraConfig]:
+        """Return two cameras. This one is the left.
 
-        Their names end in ``_left`` and ``_right``.
+        {camera.hpp: Their names end ... and _right}.
 
         Parameters
         ----------
         baseline_m
-            Distance of the right camera, to the right, in (0, 10] m.
+            Distance of the right one, in (0, 10] m.
 
         Raises
         ------
         ValueError
-            The distance is not in this range, or the camera is not valid.
+            The distance or the camera is not valid.
         """
 
 class Server:

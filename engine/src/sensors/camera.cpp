@@ -1,6 +1,7 @@
 #include "sensors/camera.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <numbers>
@@ -16,6 +17,7 @@
 #include "flockstep/sensors/camera.hpp"
 #include "prepared/prepared_world.hpp"
 #include "render/lens.hpp"
+#include "sensors/presets.hpp"
 #include "trace/ray_block.hpp"
 
 namespace flockstep {
@@ -88,7 +90,6 @@ void CameraConfig::validate() const {
   if (depth_errors != DepthErrors()) {
     require(outputs.depth, "camera.depth_errors", "DepthErrors() without the output depth", "others");
     require(depth_kind == DepthKind::planar, "camera.depth_kind", "\"planar\" with depth_errors", "\"range\"");
-    require(projection == Projection::pinhole, "camera.projection", "\"pinhole\" with depth_errors", "\"fisheye\"");
     require(depth_errors.min_range_m < far_m, "camera.depth_errors.min_range_m", "less than camera.far_m",
             depth_errors.min_range_m);
   }
@@ -108,6 +109,51 @@ void CameraConfig::validate() const {
             std::string("None with the output ") + output + " (ids and directions cannot be averaged: use a second camera)",
             size);
   }
+}
+
+// docs/reference/sensors.md has the sources of the numbers.
+CameraConfig CameraConfig::preset(std::string_view product) {
+  constexpr CameraOutputs kDepth{.rgb = false, .depth = true};
+  // A RealSense. Its greatest disparity is 126 px, which limits the range.
+  const auto realsense = [&](const char* name, float baseline_m) {
+    CameraConfig camera{.name = name, .width_px = 848, .height_px = 480, .hfov_deg = 87.0F, .far_m = 10.0F, .outputs = kDepth};
+    camera.depth_errors = {.baseline_m = baseline_m,
+                           .focal_px = camera.fx(),
+                           .edge_shadow = true,
+                           .blotches = 0.02F,
+                           .blotch_size_px = 40.0F,
+                           .disparity_noise_px = 0.1F,
+                           .disparity_step_px = 1.0F / 32,
+                           .min_range_m = camera.fx() * baseline_m / 126,
+                           .dropout = 0.01F,
+                           .hole_m = 0.0F};
+    return camera;
+  };
+  CameraConfig kinect{.name = "kinect", .width_px = 640, .height_px = 480, .hfov_deg = 57.0F, .far_m = 5.0F, .outputs = kDepth};
+  kinect.depth_errors = {.baseline_m = 0.075F,
+                         .focal_px = kinect.fx(),
+                         .edge_shadow = true,
+                         .blotches = 0.02F,
+                         .blotch_size_px = 40.0F,
+                         .disparity_noise_px = 1.0F / 6,
+                         .disparity_step_px = 1.0F / 8,
+                         .min_range_m = 0.5F,
+                         .hole_m = 0.0F};
+  CameraConfig tof{.name = "tof", .width_px = 224, .height_px = 172, .hfov_deg = 56.0F, .far_m = 4.0F, .outputs = kDepth};
+  tof.depth_errors = {.noise_std_m = 0.0053F, .min_range_m = 0.1F, .dropout = 0.01F, .hole_m = 0.0F};
+  const std::array presets{realsense("d435", 0.05F), realsense("d455", 0.095F), kinect, tof};
+  return sensors::preset_named(product, presets, "CameraConfig.preset");
+}
+
+std::array<CameraConfig, 2> CameraConfig::stereo_pair(float baseline_m) const {
+  check_number(baseline_m, kFields<DepthErrors>.get<0>().info.limits, "baseline_m");
+  validate();  // the rotation is one
+  std::array<CameraConfig, 2> pair{*this, *this};
+  const Quat rotation = Quat(quat_wxyz[0], quat_wxyz[1], quat_wxyz[2], quat_wxyz[3]).normalized();
+  Vec3::Map(pair[1].offset_m.data()) -= rotation * Vec3(0, baseline_m, 0);
+  pair[0].name += "_left";
+  pair[1].name += "_right";
+  return pair;
 }
 
 }  // namespace flockstep

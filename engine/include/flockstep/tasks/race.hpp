@@ -29,7 +29,8 @@ struct RaceConfig {
             "path crosses the gate's plane forwards within the opening, and misses it if the path crosses the plane outside the "
             "opening but within ``miss_m`` of the centre. The reward counts speed up to a cap v of each env. The cap rises by "
             "``cap_rise_mps`` when at least the share ``cap_success`` of the env's last ``cap_episodes`` episodes were clean. An "
-            "episode is clean if it succeeds, or reaches its time limit after at least half a lap. ``batch.task_state`` holds ``target``, "
+            "episode is clean if it succeeds, or reaches its time limit after at least half a lap. ``batch.task_state`` holds "
+            "``target``, "
             "``passed`` and ``speed_cap``.",
         .start =
             "With ``start=\"gate\"``, at rest, at least 0.3 m past a random gate, as if the drone had just passed it. With "
