@@ -1,7 +1,7 @@
-#include "generators/city_parts.hpp"
-
 #include <algorithm>
 #include <cmath>
+
+#include "generators/city_parts.hpp"
 
 namespace flockstep::streets {
 namespace {

@@ -1,10 +1,9 @@
-#include "generators/city_parts.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <string>
 
+#include "generators/city_parts.hpp"
 #include "generators/noise.hpp"
 #include "planning/draws.hpp"
 

@@ -1,7 +1,7 @@
-#include "generators/city_parts.hpp"
-
 #include <array>
 #include <vector>
+
+#include "generators/city_parts.hpp"
 
 namespace flockstep::streets {
 namespace {
