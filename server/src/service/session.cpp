@@ -40,6 +40,32 @@ std::size_t memory_of(const Call& call) {
 
 }  // namespace
 
+void Stream::read(const asio::mutable_buffer& buffer, Then&& then) {
+  if (tls_) return tls_->async_read_some(buffer, std::move(then));
+  socket_.async_read_some(buffer, std::move(then));
+}
+
+void Stream::write(const Written& buffers, Then&& then) {
+  if (tls_) return tls_->async_write_some(buffers, std::move(then));
+  if (ahead_ == 0 && announced_[0].size() > 0) send_ahead(buffers);
+  if (ahead_ == 0) return socket_.async_write_some(buffers, std::move(then));
+  const std::size_t sent = std::min(ahead_, asio::buffer_size(buffers));
+  ahead_ -= sent;
+  asio::post(get_executor(), beast::bind_front_handler(std::move(then), beast::error_code(), sent));
+}
+
+void Stream::tear_down(beast::role_type role, Then&& then) {
+  if (tls_) return beast::async_teardown(role, *tls_, std::move(then));
+  beast::websocket::async_teardown(role, socket_, std::move(then));
+}
+
+void Stream::send_ahead(const Written& buffers) {
+  if (buffers[1].data() != announced_[0].data() || !socket_.non_blocking()) return;  // a pong, say
+  beast::error_code error;  // such as a full socket: then the usual way waits, or fails too
+  ahead_ = socket_.write_some(std::array{buffers[0], announced_[0], announced_[1]}, error);
+  announced_ = {};
+}
+
 Session::Session(Sessions& sessions, Stream::Socket socket, asio::ssl::context* tls)
     : sessions_(sessions),
       socket_(std::move(socket), tls),

@@ -19,12 +19,12 @@
 #include <cstdint>
 #include <deque>
 #include <exception>
-#include <iterator>
 #include <map>
 #include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <type_traits>
 
 #include "service/call.hpp"
 #include "service/service.hpp"
@@ -34,6 +34,38 @@ namespace flockstep::server {
 
 namespace asio = boost::asio;
 namespace beast = boost::beast;
+
+// What follows a transfer of bytes, called once. It is one type, so that sockets and TLS are compiled once, and not for each
+// operation that waits for them: those took half of the compiler's time for this folder.
+class Then {
+ public:
+  template <class Handler>
+    requires(!std::is_same_v<std::remove_cvref_t<Handler>, Then>)
+  explicit Then(Handler&& handler) : next_(std::make_unique<Of<std::remove_cvref_t<Handler>>>(std::forward<Handler>(handler))) {}
+
+  void operator()(beast::error_code error, std::size_t bytes = 0) { next_->call(next_, error, bytes); }
+  // Lets a thread of Asio go on with it without waking another, as what Beast passes on does.
+  friend bool asio_handler_is_continuation(Then*) { return true; }
+
+ private:
+  struct Next {
+    virtual ~Next() = default;
+    // Frees the memory first, as Asio asks: the handler may begin the next operation.
+    virtual void call(std::unique_ptr<Next>& self, beast::error_code error, std::size_t bytes) = 0;
+  };
+  template <class Handler>
+  struct Of final : Next {
+    explicit Of(Handler new_handler) : handler(std::move(new_handler)) {}
+    void call(std::unique_ptr<Next>& self, beast::error_code error, std::size_t bytes) override {
+      Handler moved = std::move(handler);
+      self.reset();
+      moved(error, bytes);
+    }
+    Handler handler;
+  };
+
+  std::unique_ptr<Next> next_;
+};
 
 // The bytes of a connection, over TCP or a Unix socket, with or without TLS. It is one type, so that the compiler makes one
 // WebSocket of it.
@@ -67,39 +99,41 @@ class Stream {
   }
   template <class Buffers, class Handler>
   void async_read_some(const Buffers& buffers, Handler&& handler) {
-    if (tls_) return tls_->async_read_some(buffers, std::forward<Handler>(handler));
-    socket_.async_read_some(buffers, std::forward<Handler>(handler));
+    read(first_of<asio::mutable_buffer, 1>(buffers)[0], Then(std::forward<Handler>(handler)));
   }
   template <class Buffers, class Handler>
   void async_write_some(const Buffers& buffers, Handler&& handler) {
-    if (tls_) return tls_->async_write_some(buffers, std::forward<Handler>(handler));
-    if (ahead_ == 0 && announced_[0].size() > 0) send_ahead(buffers);
-    if (ahead_ == 0) return socket_.async_write_some(buffers, std::forward<Handler>(handler));
-    const std::size_t sent = std::min(ahead_, asio::buffer_size(buffers));
-    ahead_ -= sent;
-    asio::post(get_executor(), beast::bind_front_handler(std::forward<Handler>(handler), beast::error_code(), sent));
+    write(first_of<asio::const_buffer, kWritten>(buffers), Then(std::forward<Handler>(handler)));
   }
 
   // The end of a WebSocket.
   template <class Handler>
   friend void async_teardown(beast::role_type role, Stream& stream, Handler&& handler) {
-    if (stream.tls_) return beast::async_teardown(role, *stream.tls_, std::forward<Handler>(handler));
-    beast::websocket::async_teardown(role, stream.socket_, std::forward<Handler>(handler));
+    stream.tear_down(role, Then(std::forward<Handler>(handler)));
   }
   friend void beast_close_socket(Stream& stream) { stream.close(); }
 
  private:
-  // Sends what it can of the announced message without waiting, if these are the first buffers of its frame.
-  template <class Buffers>
-  void send_ahead(const Buffers& buffers) {
-    const auto first = asio::buffer_sequence_begin(buffers), end = asio::buffer_sequence_end(buffers);
-    if (first == end || std::next(first) == end || !socket_.non_blocking()) return;
-    const asio::const_buffer frame = *first, part = *std::next(first);
-    if (part.data() != announced_[0].data()) return;  // a pong, say
-    beast::error_code error;                          // such as a full socket: then the usual way waits, or fails too
-    ahead_ = socket_.write_some(std::array{frame, announced_[0], announced_[1]}, error);
-    announced_ = {};
+  static constexpr std::size_t kWritten = 4;  // buffers: the head of a frame and the parts of a message
+  using Written = std::array<asio::const_buffer, kWritten>;
+
+  // Returns the first buffers that are not empty. An operation that transfers some bytes need not transfer all.
+  template <class Buffer, std::size_t kCount, class Buffers>
+  static std::array<Buffer, kCount> first_of(const Buffers& buffers) {
+    std::array<Buffer, kCount> first;
+    std::size_t count = 0;
+    const auto end = asio::buffer_sequence_end(buffers);
+    for (auto at = asio::buffer_sequence_begin(buffers); at != end && count < kCount; ++at) {
+      if (const Buffer buffer = *at; buffer.size() > 0) first[count++] = buffer;
+    }
+    return first;
   }
+
+  void read(const asio::mutable_buffer& buffer, Then&& then);
+  void write(const Written& buffers, Then&& then);
+  void tear_down(beast::role_type role, Then&& then);
+  // Sends what it can of the announced message without waiting, if these are the first buffers of its frame.
+  void send_ahead(const Written& buffers);
 
   Socket socket_;
   std::optional<asio::ssl::stream<Socket&>> tls_;
