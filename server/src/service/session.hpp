@@ -35,7 +35,7 @@ namespace flockstep::server {
 namespace asio = boost::asio;
 namespace beast = boost::beast;
 
-// What follows a transfer of bytes, called once. It is one type, so that sockets and TLS are compiled once, and not for each
+// The step after a transfer of bytes, called once. It is one type, so that sockets and TLS are compiled once, and not for each
 // operation that waits for them: those took half of the compiler's time for this folder.
 class Then {
  public:
