@@ -8,7 +8,7 @@ namespace flockstep::render {
 namespace {
 
 // Whole and partial tiles, one and several samples, and lenses of both kinds, the last of which looks backwards in its corners.
-std::vector<CameraConfig> cameras() {
+std::vector<CameraConfig> bent_cameras() {
   std::vector<CameraConfig> all;
   for (const auto& [width, height] : {std::pair{1, 1}, {17, 3}, {48, 37}}) {
     const CameraConfig plain{
@@ -29,7 +29,7 @@ std::vector<CameraConfig> cameras() {
 }
 
 TEST(LensCamera, EveryPixelLooksWhereTheLensShowsIt) {
-  for (const CameraConfig& camera : cameras()) {
+  for (const CameraConfig& camera : bent_cameras()) {
     const PinholeCamera pinhole = make_pinhole_camera(camera);
     ASSERT_TRUE(pinhole.lens && pinhole.lens->shows_every_pixel());
     for (const PixelTile& tile : pinhole.tiles) {
@@ -53,7 +53,7 @@ TEST(LensCamera, EveryPixelLooksWhereTheLensShowsIt) {
 
 // Includes all samples, and the rays that only pad the last tiles.
 TEST(LensCamera, FrustaHoldAllRaysOfTheirTile) {
-  for (const CameraConfig& camera : cameras()) {
+  for (const CameraConfig& camera : bent_cameras()) {
     const PinholeCamera pinhole = make_pinhole_camera(camera);
     for (const PixelTile& tile : pinhole.tiles) {
       for (const PinholeCamera::Grid& grid : pinhole.grids) {
