@@ -271,6 +271,7 @@ BENCHES = {
         "race and LiDAR by rotors, with exact and with erring sensors", "tasks:measure_erring", True
     ),
     "depth_errors": Bench("the forest, with exact and with erring depth", "tasks:measure_erring_depth", True),
+    "depth_errors_fast": Bench("the same at 8.5 m/s", "tasks:measure_erring_depth_fast", True),
     "race": Bench("steps of Race, with gates that are solid and with gates that are not", "tasks:measure_race"),
     "bodies": Bench("scans, steps and images among bodies, and beside the same static solids; scripts", "bodies"),
     "contact_groups": Bench("steps of drones that sense each other and collide", "contact_groups"),
