@@ -148,17 +148,19 @@ def test_stub_and_documents_are_made_from_the_lists_of_the_engine(monkeypatch):
     # Each configuration has its table, except for those that configs.md leaves to `help` and other pages.
     pages = [stubs.ROOT / "docs" / "reference" / name for name in ("configs.md", "drone-files.md")]
     text = "".join(page.read_text(encoding="utf-8") for page in pages)
-    others = {_core.NetworkConfig, _core.RolloutConfig, _core.UpdateConfig, _core.NavigationReward, _core.ColorRange}
-    others |= {*_core.engine_tasks.values(), _core.ServerConfig, _core.GradientConfig, _core.BarometerConfig}
+    sensors = "PoseSensor Imu Barometer Magnetometer GpsReceiver OpticalFlow"
+    others = {f"{name}Config" for name in f"Network Rollout Update Server Gradient {sensors}".split()}
     others |= {
-        _core.MagnetometerConfig,
-        _core.GpsReceiverConfig,
-        _core.OpticalFlowConfig,
-        _core.ImuConfig,
-        _core.PoseSensorConfig,
+        "NavigationReward",
+        "ColorRange",
+        "Variation",
+        "RangeErrors",
+        "DepthErrors",
+        "ColorErrors",
+        "EventPixels",
     }
-    others |= {_core.RangeErrors, _core.DepthErrors, _core.ColorErrors, _core.EventPixels}
-    named = {config.__name__ for config in {*CONFIGURATIONS} - others}
+    others |= {config.__name__ for config in _core.engine_tasks.values()}
+    named = {config.__name__ for config in CONFIGURATIONS} - others
     for name in [*sorted(named), "Airframe", "BatchConfig"]:
         assert f"<!-- fields of {name} -->\n| field |" in text, name
 
