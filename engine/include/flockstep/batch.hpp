@@ -249,10 +249,11 @@ class FLOCKSTEP_API Batch {
   void step(std::span<const float> actions);         // (R, ...) floating-point actions
   void step(Pilot& pilot);                           // the actions that it chooses, on the threads that step the envs
   const EpisodeState& episodes() const;              // counters and flags of the current episodes
+  // Returns the speeds of the rotors for commands; see set_controller().
+  using Controller = std::function<std::span<const float>(std::span<const float> command, int tick)>;
   // Replaces the built-in controller in steps: before each tick it gets the commands of the task, (N, command_size()), and the
   // index of the tick in the step, and returns the speeds of the rotors for this tick, (N, num_rotors()) rad/s. Empty: the
   // built-in one again. For rotor motion, and commands that are in time. A snapshot does not hold it.
-  using Controller = std::function<std::span<const float>(std::span<const float> command, int tick)>;
   void set_controller(Controller controller);
   // (R,) 1 for rows that take no part in the next step: it only begins their next episode, or their drones rest.
   FlagArray waiting() const;

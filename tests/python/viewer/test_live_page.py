@@ -130,7 +130,7 @@ def test_old_moments_are_forgotten(tab, flying):
 
 
 def test_a_gamepad_flies_the_drone_up_and_keys_turn_it(tab):
-    arguments = argparse.Namespace(world="arena/hall", drone=None, control="heading_velocity", ghost=None)
+    arguments = argparse.Namespace(world="arena/hall", drone=None, control="heading_velocity", ghost=None, through=None)
     envs = fly.envs_for(arguments)
     with Program(envs, lambda: fly.fly(envs, envs._live, "heading_velocity"), flies=True) as program:
         tab.add_init_script(

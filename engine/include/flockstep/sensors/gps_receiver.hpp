@@ -42,6 +42,7 @@ struct GpsReceiverReadings {
 // Position and velocity with white noise, an error that wanders slowly, and times without a fix.
 struct GpsReceiverConfig {
   using Readings = GpsReceiverReadings;  // what it publishes
+  // The docstring.
   static constexpr const char* kAbout =
       "A GPS receiver: position and velocity with errors, and times without a fix, in which they keep their last values.";
 

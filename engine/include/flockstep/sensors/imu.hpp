@@ -43,6 +43,7 @@ struct ImuReadings {
 // An accelerometer and a gyroscope. The noise follows Kalibr's model: white noise, given by its density, and a drifting bias.
 struct ImuConfig {
   using Readings = ImuReadings;  // what it publishes
+  // The docstring.
   static constexpr const char* kAbout =
       "An inertial measurement unit.\n\n"
       "The accelerometer measures all acceleration except gravity: +9.81 m/s^2 along the body's z at rest and in hover, 0\n"

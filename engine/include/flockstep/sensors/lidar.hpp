@@ -25,7 +25,7 @@ struct LidarOutputs {
     return field_list(field("semantic", &C::semantic), field("instance", &C::instance), field("intensity", &C::intensity));
   }
 
-  bool any() const { return semantic || instance || intensity; }
+  bool any() const { return semantic || instance || intensity; }  // true if one is chosen
 };
 
 // A grid of channels x beams, or a pattern of beams given by azimuth_deg and elevation_deg, lists of equal length.
