@@ -2,10 +2,8 @@
 #pragma once
 
 #include <cstddef>
-#include <functional>
 #include <memory>
 #include <span>
-#include <string_view>
 
 #include "flockstep/pose.hpp"
 #include "flockstep/sensors/pose_sensor.hpp"
@@ -19,12 +17,6 @@ class PoseSensor final : public NoisySensor<PoseReadings> {
  public:
   PoseSensor(const PoseSensorConfig& config, const SensorSetup& setup);
 
-  // Without the velocity, if it is not measured.
-  void list_arrays(const std::function<void(const ArrayView&)>& list) const override {
-    for_each_view(readings(), {}, [&](const ArrayView& array) {
-      if (config_.velocity_noise_std_mps || array.name != std::string_view("sensed_velocity")) list(array);
-    });
-  }
   // Sets the readings of all drones to their true poses, for use before the first reading.
   void assume_truth(const State& state);
 

@@ -39,7 +39,9 @@ void list_arrays(const Batch& batch, std::string_view sensor, const std::functio
   if (!batch.config().dynamics.is_kinematic()) {
     list_all(batch.state().flight, {.sizes = {std::int64_t(batch.num_rotors()), 1}, .dimensions = 1}, list);
   }
-  list_all(batch.pose_readings(), {}, list);
+  list_all(batch.pose_readings(), {}, [&](const ArrayView& view) {
+    if (view.size > 0) list(view);  // not a velocity that is not measured
+  });
   if (batch.task() == nullptr) return;
   list_all(batch.episodes(), {}, list);
   list_all(batch.outputs(), {.sizes = {std::ssize(batch.spec().reward_terms), 1}, .dimensions = 1}, list);
