@@ -38,7 +38,7 @@ USUAL = (
     (re.compile(r"\boperator==\(.*= default"), "Compares all members."),
     (re.compile(r"^template <>"), "The value for this type."),
     (re.compile(r"\bkName = "), "Name of the task in recipes."),
-    (re.compile(r"\bkAbout = "), "Description of the task in one sentence."),
+    (re.compile(r"\bkAbout = "), "What it is, for its docstring."),
     (re.compile(r"\bTaskWords words\(\)"), "Words about the task, from which its page and `help()` are made."),
     (re.compile(r"\bmake_task\("), "Makes the task. Throws `std::invalid_argument` on a bad config."),
     (re.compile(r"\bkSizes\{"), "Limits of `size_m`, for each axis."),
