@@ -145,7 +145,7 @@ class ArrayCopy final : public ArrayVisitor {
   ArrayCopy(const ArrayList& from, const sensors::Sensor& to, const RowCopy& copy) : from_(from.arrays), to_(to), copy_(copy) {}
 
   void bytes(std::string_view name, std::span<std::byte> to, std::optional<DType>) override {
-    const std::span<const std::byte> from = from_[next_++];
+    const std::span<const std::byte> from = from_.at(next_++);
     const std::size_t n = copy_.rows(Rows::drone), new_n = copy_.new_rows(Rows::drone);
     const bool has_rows = n > 0 && from.size() % n == 0 && to.size() % new_n == 0 && from.size() / n == to.size() / new_n;
     if (has_rows) {
@@ -158,7 +158,7 @@ class ArrayCopy final : public ArrayVisitor {
   void blob(std::string_view, std::string&) override {}
 
  private:
-  std::span<const std::span<const std::byte>> from_;
+  const std::vector<std::span<const std::byte>>& from_;
   std::size_t next_ = 0;
   const sensors::Sensor& to_;
   const RowCopy& copy_;

@@ -58,18 +58,18 @@ class GpsReceiver final : public NoisySensor<GpsReceiverReadings> {
                     drifts_of(config)),
         config_(config),
         clock_(setup.clock),
-        changes_(config.outages_per_s > 0.0F ? setup.num_drones : 0),
+        changes_(has_outages() ? setup.num_drones : 0),
         next_change_(changes_.size(), -1) {}
 
   void begin(DroneIndex drone, const State& state) override {
     NoisySensor::begin(drone, state);
-    if (changes_.empty()) return;
+    if (!has_outages()) return;
     changes_[drone] = 0;
     next_change_[drone] = -1;
   }
   void visit(ArrayVisitor& visitor) override {
     NoisySensor::visit(visitor);
-    if (changes_.empty()) return;
+    if (!has_outages()) return;
     visitor.array("fix_changes", changes_);
     visitor.array("next_fix_change", next_change_);
   }
@@ -107,9 +107,10 @@ class GpsReceiver final : public NoisySensor<GpsReceiverReadings> {
     }
   }
 
+  bool has_outages() const { return config_.outages_per_s > 0.0F; }
   // Advances the fix of a drone, which changes at random ticks, to the current tick. An episode begins with a fix.
   bool has_fix(const State& state, DroneIndex drone) {
-    if (changes_.empty()) return true;
+    if (!has_outages()) return true;
     const RandomKey key = RandomKey::of(drone, drones_per_env_);
     const std::int64_t now = state.tick[key.env];
     std::int64_t& changes = changes_[drone];

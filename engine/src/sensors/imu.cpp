@@ -102,6 +102,7 @@ class Imu final : public NoisySensor<ImuReadings> {
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
 
+  bool vibrates() const { return config_.accelerometer_vibration_mps2 > 0.0F || config_.gyroscope_vibration_radps > 0.0F; }
   // Returns the direction of the unbalanced force, body frame: the sum over the rotors, times the squares of their speeds in
   // 1000 rad/s. The force of a rotor turns with it.
   Vec3 advance_vibration(const State& state, DroneIndex drone);
@@ -132,22 +133,21 @@ Imu::Imu(const ImuConfig& config, const SensorSetup& setup)
       to_sensor_(rotation_to_sensor(config.quat_wxyz)),
       accelerometer_white_(white_std(config.accelerometer_noise_density, period(), setup.clock)),
       gyroscope_white_(white_std(config.gyroscope_noise_density, period(), setup.clock)) {
-  const bool vibrates = config.accelerometer_vibration_mps2 > 0.0F || config.gyroscope_vibration_radps > 0.0F;
-  rotor_angle_.resize(vibrates ? kMaxRotors * setup.num_drones : 0);
-  rotor_tick_.assign(vibrates ? setup.num_drones : 0, -1);
+  rotor_angle_.resize(vibrates() ? kMaxRotors * setup.num_drones : 0);
+  rotor_tick_.assign(vibrates() ? setup.num_drones : 0, -1);
   if (!setup.has_velocities) flown_.emplace(setup);
 }
 
 void Imu::begin(DroneIndex drone, const State& state) {
   NoisySensor::begin(drone, state);
-  if (!rotor_tick_.empty()) rotor_tick_[drone] = -1;
+  if (vibrates()) rotor_tick_[drone] = -1;
   if (flown_) flown_->begin(drone);
 }
 
 void Imu::visit(ArrayVisitor& visitor) {
   NoisySensor::visit(visitor);
   if (flown_) flown_->visit(visitor);
-  if (rotor_tick_.empty()) return;
+  if (!vibrates()) return;
   visitor.array("rotor_angle", rotor_angle_);
   visitor.array("rotor_tick", rotor_tick_);
 }
@@ -209,7 +209,7 @@ void Imu::add_errors(std::span<const DroneIndex> drones, const State& state) {
     const std::array<float, 12> n = normals<12>(state, drone);  // for each instrument: noise, then bias
     const std::array<float, kBiases> moves{n[3], n[4], n[5], n[9], n[10], n[11]};
     const float* const drift = drifts_.advance(state, drone, moves);
-    const Vec3 direction = rotor_tick_.empty() ? Vec3(Vec3::Zero()) : advance_vibration(state, drone);
+    const Vec3 direction = vibrates() ? advance_vibration(state, drone) : Vec3(Vec3::Zero());
     // The torque of an unbalanced force is at right angles to it.
     const Vec3 force = to_sensor_ * direction, torque = to_sensor_ * Vec3(-direction.y(), direction.x(), 0.0F);
     const auto disturbed = [&](const Vec3& value, const float* bias, const float* axes, float white, const float* numbers,

@@ -43,21 +43,21 @@ class Drifts {
       : stream_(stream_named("start of " + label)),
         clock_(setup.clock),
         drones_per_env_(setup.drones_per_env),
-        interval_(period == 0 ? clock_.substeps() : period) {
+        interval_(period == 0 ? clock_.substeps() : period),
+        are_none_(sensors::are_none(drifts)) {
     const double interval_s = period == 0 ? clock_.step_s() : static_cast<double>(period) * clock_.dt_s();
     for (const Drift& drift : drifts) members_.push_back({drift, change_over(drift, interval_s)});
-    const bool has_some = !sensors::are_none(drifts);
     const bool has_starts = std::ranges::any_of(drifts, [](const Drift& drift) { return drift.start_std > 0.0F; });
-    values_.resize(drifts.size() * (has_some ? setup.num_drones : 1));
-    tick_.resize(has_some ? setup.num_drones : 0);
+    values_.resize(drifts.size() * (are_none_ ? 1 : setup.num_drones));
+    tick_.resize(are_none_ ? 0 : setup.num_drones);
     started_.resize(has_starts ? setup.num_drones : 0);
   }
 
-  bool are_none() const { return tick_.empty(); }
+  bool are_none() const { return are_none_; }
 
   // The errors of the drone begin at the current tick of its env.
   void begin(DroneIndex drone, const State& state) {
-    if (tick_.empty()) return;
+    if (are_none_) return;
     std::fill_n(values_.data() + size() * drone, size(), 0.0F);
     tick_[drone] = state.tick[RandomKey::of(drone, drones_per_env_).env];
     if (!started_.empty()) started_[drone] = 0;
@@ -66,7 +66,7 @@ class Drifts {
   // Advances the errors of a drone to the current tick of its env, and returns them. numbers: standard normal, one for each error
   // that does not stay constant; those come first. A second call in the same tick changes nothing.
   const float* advance(const State& state, DroneIndex drone, std::span<const float> numbers) {
-    if (tick_.empty()) return values_.data();
+    if (are_none_) return values_.data();
     float* const values = values_.data() + size() * drone;
     const RandomKey key = RandomKey::of(drone, drones_per_env_);
     if (!started_.empty() && std::exchange(started_[drone], std::uint8_t{1}) == 0) start(state, key, values);
@@ -81,7 +81,7 @@ class Drifts {
   }
 
   void visit(ArrayVisitor& visitor) {
-    if (tick_.empty()) return;
+    if (are_none_) return;
     visitor.array("drift", values_);
     visitor.array("drift_tick", tick_);
     visitor.array("drift_started", started_);
@@ -124,9 +124,10 @@ class Drifts {
   ClockConfig clock_;
   std::size_t drones_per_env_;
   std::int64_t interval_;  // ticks between regular readings
+  bool are_none_;
   std::vector<Member> members_;
-  std::vector<float> values_;       // (N, size)
-  std::vector<std::int64_t> tick_;  // (N,) tick of the episode to which they were advanced; empty if they do not change
+  std::vector<float> values_;       // (N, size); one row of zeros if they do not change
+  std::vector<std::int64_t> tick_;  // (N,) tick of the episode to which they were advanced
   FlagArray started_;               // (N,) 1 if they have begun; empty if all begin at 0
 };
 
