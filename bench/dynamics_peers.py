@@ -19,7 +19,7 @@ import numpy as np
 
 from peers import RUNS, Told, ask, of_each, rate, simulators
 from peers.cases import DRONES, PHYSICS_HZ, POLICY_HZ, TICKS, Flown, Quadrotor
-from timing import Figure
+from timing import Figure, Median, median_ratio
 
 FILE = Path(__file__).resolve()
 #: Packages that pip installs for each peer. The torch version is that of .venv, which has a build without GPUs.
@@ -147,8 +147,13 @@ def apart(case: Quadrotor, kind: str, theirs: list[float]) -> tuple[float, float
     return away, float(np.degrees(4 * np.arcsin(chord / 2)))
 
 
-def beside(rates: dict[str, float], mode: str) -> float | None:
-    """Return our rate to compare with a mode: the one with the same tick length, otherwise the first."""
+def by_mode(runs: list[dict[str, float]]) -> dict[str, list[float]]:
+    """Return the rates of all runs by mode."""
+    return {mode: [run[mode] for run in runs] for mode in runs[0]}
+
+
+def beside(rates: dict[str, list[float]], mode: str) -> list[float] | None:
+    """Return our rates to compare with a mode: those with the same tick length, otherwise the first."""
     alike = [own for name, own in rates.items() if " 10 ms" in name and " 10 ms" in mode]
     return next(iter([*alike, *rates.values()]), None)
 
@@ -158,27 +163,31 @@ def measure() -> list[Figure]:
     case = case_of_kingfisher()
     told = json.dumps(asdict(case))
 
-    def compared(peer: str, python: Path) -> Iterator[Told]:
-        ours = Flown(**ask(Path(sys.executable), FILE, "flockstep", told))
-        theirs = Flown(**ask(python, FILE, peer, told))
+    def measured(peer: str, python: Path) -> Iterator[Told]:
+        ours: list[Flown] = []
+        theirs: list[Flown] = []
+        for _ in range(RUNS):
+            ours.append(Flown(**ask(Path(sys.executable), FILE, "flockstep", told)))
+            theirs.append(Flown(**ask(python, FILE, peer, told)))
         for kind in ("simulator", "environment"):
-            for mode, value in getattr(theirs, kind).items():
-                about = {"version": theirs.version, "mode": mode}
-                yield f"{peer}/{kind}/{mode}/per_second", value, "1/s", RUNS, about
-                if own := beside(getattr(ours, kind), mode):
-                    yield f"{peer}/{kind}/{mode}/ours_over_it", own / value, "1", RUNS, about
-            for mode, value in getattr(ours, kind).items():
-                about = {"version": ours.version, "mode": mode}
-                yield f"flockstep_beside_{peer}/{kind}/{mode}/per_second", value, "1/s", RUNS, about
-        for kind, end in theirs.flights.items():
+            own, other = (by_mode([getattr(one, kind) for one in runs]) for runs in (ours, theirs))
+            for mode, values in other.items():
+                about = {"version": theirs[0].version, "mode": mode}
+                yield f"{peer}/{kind}/{mode}/per_second", Median(values), "1/s", RUNS, about
+                if compared := beside(own, mode):
+                    yield f"{peer}/{kind}/{mode}/ours_over_it", median_ratio(compared, values), "1", RUNS, about
+            for mode, values in own.items():
+                about = {"version": ours[0].version, "mode": mode}
+                yield f"flockstep_beside_{peer}/{kind}/{mode}/per_second", Median(values), "1/s", RUNS, about
+        for kind, end in theirs[0].flights.items():
             away, turned = apart(case, kind, end)
             mode = kind.split(": ")[1]
             reason = next(text for (name, word), text in REASONS.items() if name == peer and word in mode)
-            about = {"version": theirs.version, "mode": kind, "reason": reason}
+            about = {"version": theirs[0].version, "mode": kind, "reason": reason}
             yield f"{peer}/flight/{kind}/mm", 1e3 * away, "mm", 1, about
             yield f"{peer}/flight/{kind}/degrees", turned, "°", 1, about
 
-    return [*of_each("dynamics_peers", PEERS, compared)]
+    return [*of_each("dynamics_peers", PEERS, measured)]
 
 
 if __name__ == "__main__":
