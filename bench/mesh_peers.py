@@ -113,7 +113,7 @@ def find(peer: str, files: list[Path], compare: bool) -> Found:
                 if compare:
                     told = np.concatenate([np.ravel(cast()) for cast in casts])
                     found.differing[name][mode] = 1e6 * float(np.mean(differ(told, ours.ravel())))
-                found.per_second[name][mode] = rate(partial(trace, casts), ours.size, casts[0])
+                found.per_second[name][mode] = rate(partial(trace, casts), ours.size, 1, warm_up=casts[0])
     return found
 
 

@@ -211,7 +211,7 @@ def flown_steps(n: int = dynamics_peers.DRONES) -> list[Figure]:
     for _ in range(RUNS):
         kernel = 1e6 * native("dynamics", "rates")[0]["value"]  # substeps per second
         for name, step in steps.items():
-            rates[name].append(peers.rate(step, n))
+            rates[name].append(peers.rate(step, n, runs=1))
             ratios[name].append(kernel / (dynamics_peers.TICKS * rates[name][-1]))
     figures = []
     for name in steps:

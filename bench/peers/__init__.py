@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import statistics
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,14 +19,17 @@ LIMIT_S = 1800  # for installing, and for running
 RUNS = 5
 
 
-def rate(call: Callable[[], object], count: int, warm_up: Callable[[], object] | None = None) -> float:
-    """Return the number of items per second of processor time that a call processes.
+def rate(
+    call: Callable[[], object], count: int, runs: int = RUNS, warm_up: Callable[[], object] | None = None
+) -> float:
+    """Return the number of items per second of processor time that a call processes, the median of several runs.
 
     On one pinned processor, processor time equals wall time on an idle machine; on a busy one it excludes other
     programs. Before timing, `warm_up` or the call itself runs once.
     """
     (warm_up or call)()
-    return count / timed(call, at_least_s=0.5)()
+    timer = timed(call, at_least_s=0.5)
+    return count / statistics.median(timer() for _ in range(runs))
 
 
 Told = tuple[str, float, str, int, dict[str, str]]  # name, value, unit, runs, other keys
