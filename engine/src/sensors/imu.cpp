@@ -39,13 +39,12 @@ void ImuConfig::check_motion(const DynamicsConfig& dynamics) const {
 
 ImuConfig ImuConfig::preset(std::string_view product) {
   const std::array presets{
+      // AirSim's random walks: its bias stability over the square root of its tau.
       ImuConfig{.name = "mpu-6000",
                 .accelerometer_noise_density = 2.35e-3F,
-                .accelerometer_random_walk = 3.5e-4F,
-                .accelerometer_bias_time_s = 800.0F,
+                .accelerometer_random_walk = 1.25e-5F,
                 .gyroscope_noise_density = 8.7e-5F,
-                .gyroscope_random_walk = 2.2e-5F,
-                .gyroscope_bias_time_s = 500.0F},
+                .gyroscope_random_walk = 1.0e-6F},
       ImuConfig{.name = "bmi088",
                 .accelerometer_noise_density = 1.57e-3F,
                 .accelerometer_random_walk = 1.36e-3F,
@@ -56,8 +55,8 @@ ImuConfig ImuConfig::preset(std::string_view product) {
                 .accelerometer_random_walk = 9.8e-7F,
                 .gyroscope_noise_density = 6.11e-5F,
                 .gyroscope_random_walk = 2.65e-5F,
-                .accelerometer_range_mps2 = 100.0F,
-                .gyroscope_range_radps = 10.0F},
+                .accelerometer_range_mps2 = 157.0F,
+                .gyroscope_range_radps = 34.9F},
   };
   return sensors::preset_named(product, presets, "ImuConfig.preset");
 }

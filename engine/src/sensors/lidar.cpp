@@ -57,15 +57,13 @@ LidarConfig LidarConfig::preset(std::string_view product) {
   constexpr auto kHalf = static_cast<float>(std::numbers::sqrt2 / 2.0);
   constexpr float kZones = 45.0F * 7 / 8;  // deg, between the centres of the outer ones of eight zones in 45 degrees
   const std::array presets{
-      LidarConfig{
-          .name = "os0-128",
-          .channels = 128,
-          .beams = 512,
-          .hfov_deg = 360.0F,
-          .vfov_deg = 90.0F,
-          .max_range_m = 35.0F,
-          .errors =
-              {.noise_std_m = 0.0028F, .noise_per_m = 0.00086F, .resolution_m = 0.001F, .min_range_m = 0.2F, .dropout = 0.01F}},
+      LidarConfig{.name = "os0-128",
+                  .channels = 128,
+                  .beams = 512,
+                  .hfov_deg = 360.0F,
+                  .vfov_deg = 90.0F,
+                  .max_range_m = 35.0F,
+                  .errors = {.noise_std_m = 0.0028F, .noise_per_m = 0.00086F, .resolution_m = 0.001F, .min_range_m = 0.2F}},
       LidarConfig{.name = "vlp-16",
                   .channels = 16,
                   .beams = 1800,
@@ -96,7 +94,7 @@ LidarConfig LidarConfig::preset(std::string_view product) {
                   .hfov_deg = kZones,
                   .vfov_deg = kZones,
                   .max_range_m = 4.0F,
-                  .errors = {.noise_std_m = 0.0053F, .resolution_m = 0.001F, .min_range_m = 0.02F, .dropout = 0.01F}},
+                  .errors = {.noise_per_m = 0.02F, .resolution_m = 0.001F, .min_range_m = 0.02F, .dropout = 0.01F}},
   };
   return sensors::preset_named(product, presets, "LidarConfig.preset");
 }
