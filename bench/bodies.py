@@ -6,7 +6,6 @@ One thread, in processor time. The variants that are compared alternate.
 from __future__ import annotations
 
 import itertools
-import statistics
 from collections.abc import Iterator
 from typing import Any
 
@@ -195,5 +194,5 @@ def scripts() -> Iterator[Measured]:
     timers = {name: timed(lambda batch=batch: batch.move(batch.position)) for name, batch in batches.items()}
     times = in_turns(timers, warm_up=True)
     for name in motions():
-        added = statistics.median(a - b for a, b in zip(times[name], times["none"], strict=True))
+        added = Median(a - b for a, b in zip(times[name], times["none"], strict=True))
         yield f"bodies/script/{name}/ns_per_tick", 1e9 * added / (TICKS * ENVS * BODIES), "ns", RUNS

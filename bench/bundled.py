@@ -92,7 +92,7 @@ def measure_loading() -> Iterator[Measured]:
             for _ in range(3):
                 program: list[str | Path] = [sys.executable, "-c", LOAD, path]
                 runs.append(json.loads(subprocess.run(program, check=True, stdout=subprocess.PIPE).stdout))
-            load_s, scan_s, resident, peak = np.median(runs, axis=0).tolist()
+            load_s, scan_s, resident, peak = map(Median, zip(*runs, strict=True))
         yield f"load/{name}/seconds", load_s, "s", 3
         yield f"load/{name}/seconds_to_first_scan", scan_s, "s", 3
         yield f"load/{name}/resident_megabytes", resident / 1e6, "MB", 3

@@ -21,7 +21,7 @@ import flockstep
 from flockstep.bridges.betaflight import BetaflightBridge
 from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, judge, train
 from flockstep.variations import controllers
-from timing import Measured
+from timing import Measured, Median
 
 SEEDS = range(5, 15)  # those below 5 and above 99 chose settings
 SEEDS_WITHOUT = range(5, 10)  # of the same trainings without the fitted controller
@@ -154,8 +154,8 @@ def measure_bridge() -> Iterator[Measured]:
             costs.append((children_s() - before) / seconds)
             speeds.append(seconds / (time.perf_counter() - begun))
         digests.add(digest.hexdigest())
-    yield "betaflight/bridge/cpu_s_per_second", float(np.median(costs)), "s", REPEATS
-    yield "betaflight/bridge/times_real_time", float(np.median(speeds)), "1", REPEATS
+    yield "betaflight/bridge/cpu_s_per_second", Median(costs), "s", REPEATS
+    yield "betaflight/bridge/times_real_time", Median(speeds), "1", REPEATS
     yield "betaflight/bridge/different_repeats", float(len(digests) - 1), "1", REPEATS
 
 
