@@ -10,6 +10,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstddef>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -148,25 +149,39 @@ char* held_by(const py::object& self, const std::type_info& type) {
   return static_cast<char*>(caster.value);
 }
 
-// Sets the fields given as keywords.
-void set_fields(const py::object& config, const py::kwargs& kwargs) {
-  for (const auto& [key, value] : kwargs) {
-    if (!py::hasattr(config, key)) {
-      throw py::type_error(unexpected_keyword(class_name(config) + ".__init__", py::str(key),
-                                              config.attr("__match_args__").cast<std::vector<std::string>>()));
+py::tuple names_of(const std::vector<ConfigField>& fields) {
+  py::list names;
+  for (const ConfigField& field : fields) names.append(field.name);
+  return names;
+}
+
+// A class of configurations. The functions that are bound for it do not depend on its type: each one that does costs a tenth of
+// a second of compile time.
+struct ConfigClass {
+  std::string name;
+  std::vector<ConfigField> fields;
+  // Returns a new configuration: one keyword per field, defaults for the others.
+  void* (*make)(const ConfigClass& made, const py::kwargs& keywords);
+};
+
+void set_fields(void* config, const ConfigClass& cls, const py::kwargs& keywords) {
+  for (const auto& [key, value] : keywords) {
+    const auto name = key.cast<std::string>();
+    const auto field = std::ranges::find_if(cls.fields, [&](const ConfigField& one) { return name == one.name; });
+    if (field == cls.fields.end()) {
+      const auto known = names_of(cls.fields).cast<std::vector<std::string>>();
+      throw py::type_error(unexpected_keyword(cls.name + ".__init__", name, known));
     }
-    py::setattr(config, key, py::reinterpret_borrow<py::object>(value));
+    field->type.write(static_cast<char*>(config) + field->offset, py::reinterpret_borrow<py::object>(value), field->name);
   }
 }
 
-// Keyword-only constructor: one keyword per field, defaults for the others.
 template <class Config>
-Config from_keywords(const py::kwargs& kwargs) {
-  const py::object config = py::cast(Config());
-  set_fields(config, kwargs);
-  const auto& made = config.cast<const Config&>();
-  made.validate();
-  return made;
+void* make_config(const ConfigClass& cls, const py::kwargs& keywords) {
+  auto config = std::make_unique<Config>();
+  set_fields(config.get(), cls, keywords);
+  config->validate();
+  return config.release();
 }
 
 py::dict state_of(const py::object& self) {
@@ -195,12 +210,6 @@ void add_properties(const py::object& cls, const std::type_info& type, const std
   }
 }
 
-py::tuple names_of(const std::vector<ConfigField>& fields) {
-  py::list names;
-  for (const ConfigField& field : fields) names.append(field.name);
-  return names;
-}
-
 // Returns the fields by name, with hashes of worlds instead of the worlds, which are compared by identity.
 py::dict comparable_state_of(const py::object& self) {
   py::dict state = state_of(self);
@@ -212,15 +221,28 @@ py::dict comparable_state_of(const py::object& self) {
   return state;
 }
 
-// Adds everything except the constructor: fields, repr and equality by value.
-void add_fields(const py::object& cls, const std::type_info& type, const std::vector<ConfigField>& fields,
-                const py::list& descriptions) {
+// Adds a keyword constructor, fields, repr, equality by value and pickling, because Gymnasium copies the keywords of an env.
+void add_config(const py::object& cls, const std::type_info& type, const ConfigClass& config, const void* defaults) {
+  const std::vector<ConfigField>& fields = config.fields;
+  const py::list descriptions = described(fields, defaults);
   add_properties(cls, type, fields, descriptions);
+  cls.attr("_fields") = descriptions;
   cls.attr("__match_args__") = names_of(fields);
   cls.attr("__hash__") = py::none();  // mutable
-  const auto add = [&](const char* name, const auto& function) {
-    cls.attr(name) = py::cpp_function(function, py::name(name), py::is_method(cls));
+  const auto add = [&](const char* name, const auto& function, const auto&... extra) {
+    cls.attr(name) = py::cpp_function(function, py::name(name), py::is_method(cls), extra...);
   };
+  // As pybind11 binds py::init() and py::pickle().
+  using py::detail::value_and_holder, py::detail::is_new_style_constructor;
+  add(
+      "__init__",
+      [config](value_and_holder& self, const py::kwargs& keywords) { self.value_ptr() = config.make(config, keywords); },
+      is_new_style_constructor());
+  add("__getstate__", &state_of);
+  add(
+      "__setstate__",
+      [config](value_and_holder& self, const py::dict& state) { self.value_ptr() = config.make(config, py::kwargs(state)); },
+      is_new_style_constructor());
   add("__repr__", [fields, &type](const py::object& self) {
     py::list parts;
     for (const ConfigField& field : fields) {
@@ -234,18 +256,12 @@ void add_fields(const py::object& cls, const std::type_info& type, const std::ve
   });
 }
 
-// Registers a configuration class with a keyword constructor and pickling, because Gymnasium copies the keywords of an env. `doc`
-// is left out if the class stands in core.pyi, which then has its docstring.
+// Registers a configuration class. `doc` is left out if the class stands in core.pyi, which then has its docstring.
 template <class Config>
 py::class_<Config> register_fields(py::module_& module, const char* name, const char* doc = "") {
   py::class_<Config> cls(module, name, doc);
-  const std::vector<ConfigField> fields = fields_of<Config>();
   const Config defaults;
-  const py::list descriptions = described(fields, &defaults);
-  add_fields(cls, typeid(Config), fields, descriptions);
-  cls.attr("_fields") = descriptions;
-  cls.def(py::init(&from_keywords<Config>));
-  cls.def(py::pickle(&state_of, [](const py::dict& state) { return from_keywords<Config>(py::kwargs(state)); }));
+  add_config(cls, typeid(Config), {name, fields_of<Config>(), &make_config<Config>}, &defaults);
   return cls;
 }
 
@@ -269,26 +285,6 @@ std::string class_name_of(std::string_view name) {
     if (name[i] != '_') made += starts ? static_cast<char>(name[i] - 'a' + 'A') : name[i];
   }
   return made + "Config";
-}
-
-// Returns the words of a task as a docstring.
-std::string docstring_of(const char* about, const TaskWords& words) {
-  std::string text = about;
-  const auto add = [&](const std::string& paragraph) { text += "\n\n" + wrapped(paragraph, ""); };
-  const auto add_list = [&](const std::string& paragraph, const std::vector<TaskPart>& parts) {
-    add(paragraph);
-    text += '\n';
-    for (const TaskPart& part : parts) {
-      text += "\n- " + wrapped(std::string(part.name) + ": " + std::string(part.about), "  ").substr(2);
-    }
-  };
-  add(words.about);
-  add("**Start**: " + std::string(words.start));
-  add("**Action**: " + std::string(words.action));
-  add_list("**Observation**: " + std::string(words.observed), words.observation);
-  add_list("**Reward**: The sum of these terms:", words.reward);
-  add("**End**: " + std::string(words.end));
-  return text;
 }
 
 // Returns the words of a task for its page.
@@ -476,7 +472,7 @@ void register_config(py::module_& module) {
     others[name] = described(fields_of<Config, true>(), &defaults);
   };
   add("Airframe", Airframe());
-  add("BatchConfig", BatchConfig());
+  others["BatchConfig"] = described(fields_of<BatchConfig>(), &batch);
   add("CityConfig", CityConfig());
   add("ForestConfig", ForestConfig());
   add("OfficeConfig", OfficeConfig());
@@ -490,7 +486,7 @@ void register_config(py::module_& module) {
   changes["Light"] = module.attr("Light").attr("_fields");
   module.attr("_changes") = changes;
   py::dict keywords;
-  for (const ConfigField& field : fields_of<BatchConfig, true>()) {
+  for (const ConfigField& field : fields_of<BatchConfig>()) {
     if (const std::string keyword = keyword_of(field.name); !keyword.empty()) keywords[py::str(keyword)] = field.name;
   }
   module.attr("batch_keywords") = keywords;

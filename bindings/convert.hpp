@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -190,20 +191,16 @@ std::string integer_range() {
   throw py::type_error(field + ": expected " + expected + got);
 }
 
-// Describes a value that is not of the class T. For a dict of the fields of a configuration, shows the call that makes one.
-template <class T>
-std::string got_instead(const py::handle& value) {
+// Describes a value that is not of a class. For a dict of the fields of a configuration, shows the call that makes one.
+inline std::string got_instead(const py::handle& value, const py::handle& cls, bool is_config) {
   std::string text = ", got " + std::string(py::repr(value));
-  if constexpr (HasFields<T>) {
-    if (!py::isinstance<py::dict>(value)) return text;
-    text += ": write flockstep." + std::string(py::str(py::type::of<T>().attr("__name__"))) + '(';
-    std::string separator;
-    for (const auto& [name, item] : py::reinterpret_borrow<py::dict>(value)) {
-      text += std::exchange(separator, ", ") + std::string(py::str(name)) + '=' + std::string(py::repr(item));
-    }
-    text += ')';
+  if (!is_config || !py::isinstance<py::dict>(value)) return text;
+  text += ": write flockstep." + std::string(py::str(cls.attr("__name__"))) + '(';
+  std::string separator;
+  for (const auto& [name, item] : py::reinterpret_borrow<py::dict>(value)) {
+    text += std::exchange(separator, ", ") + std::string(py::str(name)) + '=' + std::string(py::repr(item));
   }
-  return text;
+  return text + ')';
 }
 
 template <class Configs>
@@ -248,7 +245,9 @@ T from_python(const py::handle& given, const std::string& field) {
         return converted;
       }
     } catch (const py::cast_error&) {
-      if constexpr (HasFields<T>) throw py::type_error(field + ": expected " + python_name<T>() + got_instead<T>(value));
+      if constexpr (HasFields<T>) {
+        throw py::type_error(field + ": expected " + python_name<T>() + got_instead(value, py::type::of<T>(), true));
+      }
       refuse_value(value, field, python_name<T>(), integer_range<T>());
     }
   }
@@ -257,7 +256,9 @@ T from_python(const py::handle& given, const std::string& field) {
 // Returns an argument that must be an instance of T. Throws TypeError that names the argument.
 template <class T>
 T& argument(const py::handle& value, const std::string& name, const std::string& expected) {
-  if (!py::isinstance<T>(value)) throw py::type_error(name + ": expected " + expected + got_instead<T>(value));
+  if (!py::isinstance<T>(value)) {
+    throw py::type_error(name + ": expected " + expected + got_instead(value, py::type::of<T>(), HasFields<T>));
+  }
   return value.cast<T&>();
 }
 
@@ -342,19 +343,28 @@ inline void suggest_attributes(const py::object& cls) {
   cls.attr("__getattr__") = py::cpp_function(missing, py::is_method(cls), py::name("__getattr__"));
 }
 
-// Converts a configuration, a sequence of them or None.
+// Calls take for each object of a class in a configuration, a sequence of them or None.
+inline void for_each_config(const py::handle& given, const std::string& name, const py::handle& cls,
+                            const std::function<void(const py::handle&)>& take) {
+  if (given.is_none()) return;
+  if (py::isinstance(given, cls)) return take(given);
+  const std::string type = "flockstep." + std::string(py::str(cls.attr("__name__")));
+  const auto refuse = [&](const py::handle& value) {
+    throw py::type_error(name + ": expected a " + type + ", None or a sequence of " + type + " objects" +
+                         got_instead(value, cls, true));
+  };
+  if (!py::isinstance<py::sequence>(given) || py::isinstance<py::str>(given)) refuse(given);
+  for (const py::handle config : given) {
+    if (!py::isinstance(config, cls)) refuse(config);
+    take(config);
+  }
+}
 template <class Configs>
 Configs configs_of(const py::handle& given, const std::string& name) {
   using Config = typename Configs::value_type;
-  if (given.is_none()) return {};
-  if (py::isinstance<Config>(given)) return {given.cast<const Config&>()};
-  const std::string type = "flockstep." + std::string(py::str(py::type::of<Config>().attr("__name__")));
-  const std::string expected = "a " + type + ", None or a sequence of " + type + " objects";
-  if (!py::isinstance<py::sequence>(given) || py::isinstance<py::str>(given)) {
-    throw py::type_error(name + ": expected " + expected + got_instead<Config>(given));
-  }
   Configs configs;
-  for (const py::handle config : given) configs.push_back(argument<Config>(config, name, expected));
+  for_each_config(given, name, py::type::of<Config>(),
+                  [&](const py::handle& config) { configs.push_back(config.cast<const Config&>()); });
   return configs;
 }
 

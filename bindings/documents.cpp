@@ -122,6 +122,25 @@ std::string wrapped(std::string_view text, std::string_view indent) {
   return lines;
 }
 
+std::string docstring_of(const char* about, const TaskWords& words) {
+  std::string text = about;
+  const auto add = [&](const std::string& paragraph) { text += "\n\n" + wrapped(paragraph, ""); };
+  const auto add_list = [&](const std::string& paragraph, const std::vector<TaskPart>& parts) {
+    add(paragraph);
+    text += '\n';
+    for (const TaskPart& part : parts) {
+      text += "\n- " + wrapped(std::string(part.name) + ": " + std::string(part.about), "  ").substr(2);
+    }
+  };
+  add(words.about);
+  add("**Start**: " + std::string(words.start));
+  add("**Action**: " + std::string(words.action));
+  add_list("**Observation**: " + std::string(words.observed), words.observation);
+  add_list("**Reward**: The sum of these terms:", words.reward);
+  add("**End**: " + std::string(words.end));
+  return text;
+}
+
 void document(py::module_& module) {
   for (const Document& document : kDocuments) {
     if (document.path.empty()) {

@@ -41,12 +41,18 @@ void released(Batch& batch, const F& f) {
   warn(batch);
 }
 
-// Returns the result of f, a short call on the batch that keeps the interpreter lock. If another thread is in a call on a served
-// batch, waits for it first, without the interpreter lock, which that thread may need.
-template <class F>
-auto in_turn(const Batch& batch, const F& f) {
+// Returns the lock of a batch. If another thread is in a call on a served batch, waits for it first, without the interpreter
+// lock, which that thread may need.
+inline std::optional<BatchLock> lock_in_turn(const Batch& batch) {
   std::optional<BatchLock> lock = BatchLock::try_lock(batch);
   if (!lock && ServedBatch::is_served(batch)) released([&] { lock.emplace(batch); });
+  return lock;
+}
+
+// Returns the result of f, a short call on the batch that keeps the interpreter lock.
+template <class F>
+auto in_turn(const Batch& batch, const F& f) {
+  const std::optional<BatchLock> lock = lock_in_turn(batch);
   return f();
 }
 

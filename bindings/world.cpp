@@ -112,23 +112,29 @@ std::shared_ptr<World> with_light(const std::shared_ptr<World>& world, const py:
   return released([&] { return std::make_shared<World>(world, lighting); });
 }
 
-// Returns the configuration whose fields are the arguments of a call, in their order. The first is required.
+// Returns an argument of a call, by its place or its name; null if it is not given. The first is required.
+py::object argument_at(std::size_t place, const char* name, const std::string& callee, const py::args& positional,
+                       const py::kwargs& keywords) {
+  const bool is_named = keywords.contains(name);
+  if (place >= positional.size()) {
+    if (!is_named && place == 0) {
+      throw py::type_error(callee + "() missing 1 required positional argument: '" + name + '\'');
+    }
+    return is_named ? py::object(keywords[name]) : py::object();
+  }
+  if (is_named) throw py::type_error(callee + "() got multiple values for argument '" + name + '\'');
+  return positional[place];
+}
+
+// Returns the configuration whose fields are the arguments of a call, in their order.
 template <class Config>
 Config config_argument(const std::string& callee, const py::args& positional, const py::kwargs& keywords) {
   Config config;
   std::vector<std::string> known;
   for_each_field(config, [&]<class Value>(const auto& field, Value& value) {
-    const std::size_t number = known.size();
+    const py::object given = argument_at(known.size(), field.name, callee, positional, keywords);
     known.emplace_back(field.name);
-    const bool is_named = keywords.contains(field.name);
-    if (number < positional.size()) {
-      if (is_named) throw py::type_error(callee + "() got multiple values for argument '" + field.name + '\'');
-      value = from_python<Value>(positional[number], field.name);
-    } else if (is_named) {
-      value = from_python<Value>(keywords[field.name], field.name);
-    } else if (number == 0) {
-      throw py::type_error(callee + "() missing 1 required positional argument: '" + field.name + '\'');
-    }
+    if (given) value = from_python<Value>(given, field.name);
   });
   if (positional.size() > known.size()) {
     throw py::type_error(callee + "() takes at most " + std::to_string(known.size()) + " arguments, got " +

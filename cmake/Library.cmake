@@ -11,7 +11,7 @@ function(export_only target map)
 endfunction()
 
 # Made of the objects of the static library. The Python module and the tests link that one, since they use internal symbols.
-add_library(flockstep SHARED $<TARGET_OBJECTS:flockstep_engine> $<TARGET_OBJECTS:flockstep_world>
+add_library(flockstep SHARED $<TARGET_OBJECTS:flockstep_engine> $<TARGET_OBJECTS:flockstep_setup>
                              $<TARGET_OBJECTS:flockstep_generators> $<TARGET_OBJECTS:flockstep_server>
                              $<TARGET_OBJECTS:flockstep_protocol>)
 add_library(flockstep::flockstep ALIAS flockstep)

@@ -67,4 +67,8 @@ void check_direction(const std::array<float, 3>& direction, const std::string& n
   require(direction != std::array<float, 3>{}, name, "a direction that is not 0", "(0, 0, 0)");
 }
 
+std::string name_of(const std::string& prefix, const char* name, const FieldInfo& info) {
+  return prefix + (info.alias == nullptr ? name : info.alias);
+}
+
 }  // namespace flockstep

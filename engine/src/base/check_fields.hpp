@@ -65,12 +65,15 @@ void check_value(const std::array<Value, kSize>& values, const FieldInfo& info, 
   }
 }
 
+// The name of a field in messages. It is no template: every check of every field builds one.
+std::string name_of(const std::string& prefix, const char* name, const FieldInfo& info);
+
 // Throws std::invalid_argument that names the first field with an invalid value, the expected values and the actual one. The
 // prefix precedes each field name, for example "lidar.". validate() checks the rules that compare fields with each other.
 template <HasFields Config>
 void check_fields(const Config& config, const std::string& prefix) {
   for_each_field(config, [&](const auto& field, const auto& value) {
-    check_value(value, field.info, prefix + (field.info.alias == nullptr ? field.name : field.info.alias));
+    check_value(value, field.info, name_of(prefix, field.name, field.info));
   });
 }
 

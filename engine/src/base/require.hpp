@@ -21,6 +21,14 @@ void require(bool holds, std::string_view field, std::string_view expected, cons
   if (!holds) refuse(field, expected, got);
 }
 
+// For literals: one type, whatever their length.
+[[noreturn]] inline void refuse(std::string_view field, std::string_view expected, const char* got) {
+  refuse<const char*>(field, expected, got);
+}
+inline void require(bool holds, std::string_view field, std::string_view expected, const char* got) {
+  if (!holds) refuse(field, expected, got);
+}
+
 inline void require_positive(float value, std::string_view field) {
   require(std::isfinite(value) && value > 0.0F, field, "a finite number > 0", value);
 }

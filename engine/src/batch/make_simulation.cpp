@@ -342,21 +342,4 @@ void Simulation::warn_of_lost_drones() {
   warning = text.str();
 }
 
-std::span<const DroneIndex> Simulation::drones_of(std::span<const EnvIndex> envs, Part part,
-                                                  std::vector<DroneIndex>& list) const {
-  const std::size_t m = drones_per_env();
-  if (m == 1) {  // lists hold active envs only
-    list.resize(envs.size());
-    std::ranges::transform(envs, list.begin(), [](EnvIndex env) { return DroneIndex(std::size_t{env}); });
-    return list;
-  }
-  list.clear();
-  for (const EnvIndex env : envs) {
-    for (std::size_t member = 0; member < m; ++member) {
-      if (const DroneIndex drone = drone_of(env, member); takes_part(drone, part)) list.push_back(drone);
-    }
-  }
-  return list;
-}
-
 }  // namespace flockstep

@@ -434,6 +434,23 @@ void begin_episodes(Simulation& sim, bool place) {
   if (sim.pool) look_ahead(sim);
 }
 
+std::span<const DroneIndex> Simulation::drones_of(std::span<const EnvIndex> envs, Part part,
+                                                  std::vector<DroneIndex>& list) const {
+  const std::size_t m = drones_per_env();
+  if (m == 1) {  // lists hold active envs only
+    list.resize(envs.size());
+    std::ranges::transform(envs, list.begin(), [](EnvIndex env) { return DroneIndex(std::size_t{env}); });
+    return list;
+  }
+  list.clear();
+  for (const EnvIndex env : envs) {
+    for (std::size_t member = 0; member < m; ++member) {
+      if (const DroneIndex drone = drone_of(env, member); takes_part(drone, part)) list.push_back(drone);
+    }
+  }
+  return list;
+}
+
 sensors::Surroundings surroundings_of(const Simulation& sim, Scratch& scratch) {
   return {.state = sim.state,
           .scenes = sim.scenes,

@@ -161,9 +161,11 @@ AirframeNumbers<float> numbers_of(const Airframe& frame, const DynamicsConfig& c
     allocation.col(static_cast<Eigen::Index>(i)) << 1.0, frame.position_m[i][1], -frame.position_m[i][0],
         static_cast<double>(n.rotors[i].yaw_sign) * frame.torque_ratio_m;
   }
-  // With more than four rotors, the thrusts with the least sum of squares.
+  // With more than four rotors, the thrusts with the least sum of squares. Of small matrices, Eigen multiplies all lazily, but
+  // would compile the product of large ones, too.
   Eigen::MatrixXd inverse = Eigen::Matrix4d(allocation.leftCols<4>()).inverse();
-  if (num_rotors > 4) inverse = allocation.transpose() * Eigen::Matrix4d(allocation * allocation.transpose()).inverse();
+  const Eigen::Matrix4d squares = allocation.lazyProduct(allocation.transpose());
+  if (num_rotors > 4) inverse = allocation.transpose() * squares.inverse();
   for (std::size_t i = 0; i < kMaxRotors; ++i) {
     const auto row = static_cast<Eigen::Index>(i < frame.num_rotors() ? i : 0);
     for (std::size_t k = 0; k < 4; ++k) n.rotors[i].mixer[k] = narrow(inverse(row, static_cast<Eigen::Index>(k)));

@@ -88,7 +88,8 @@ void Airframe::validate() const {
   for (const Triple& p : position_m) arm = std::max({arm, std::abs(p[0]), std::abs(p[1])});
   const double scale = arm * arm * torque_ratio_m;
   const Eigen::Matrix4Xd map = allocation(*this);
-  const double volume = std::sqrt(std::max((map * map.transpose()).determinant(), 0.0));
+  const Eigen::Matrix4d squares = map.lazyProduct(map.transpose());  // as in dynamics/physics.cpp
+  const double volume = std::sqrt(std::max(squares.determinant(), 0.0));
   require(scale > 0.0 && volume >= kMinLever * scale, "rotors", "positions and spins that can turn the body about each axis",
           "ones that leave an axis without torque");
 }

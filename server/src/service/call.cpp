@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <exception>
+#include <new>
+#include <stdexcept>
 #include <utility>
 
 #include "base/require.hpp"
@@ -79,6 +82,26 @@ void Call::fail(protocol::Code code, const std::string& text) {
   writer.clear();
   reply = {};
   result<protocol::Error>() = {.code = code, .text = text};
+}
+
+void Call::fail_by_exception() {
+  using protocol::Code;
+  try {
+    throw;
+  } catch (const Refusal& error) {
+    fail(error.code(), error.what());
+  } catch (const std::invalid_argument& error) {
+    fail(Code::kInvalidArgument, error.what());
+  } catch (const std::bad_alloc&) {
+    fail(Code::kResourceExhausted, "the server has not enough memory for this");
+  } catch (const std::logic_error& error) {
+    fail(Code::kFailedPrecondition, error.what());
+  } catch (const std::runtime_error& error) {
+    fail(Code::kFailedPrecondition, error.what());
+  } catch (const std::exception& error) {
+    const std::string text = error.what();  // Python's has a traceback, whose paths are none of the client's business
+    fail(Code::kInternal, text.substr(0, text.find('\n')));
+  }
 }
 
 }  // namespace flockstep::server

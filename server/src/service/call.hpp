@@ -79,6 +79,7 @@ struct Call {
   }
   // Replaces the reply by an error.
   void fail(protocol::Code code, const std::string& text);
+  void fail_by_exception();  // the one that is being handled
   // Writes the reply, with the id of the request. A reply that is too long becomes an error.
   void finish();
 
@@ -90,24 +91,12 @@ struct Call {
 // Runs an operation, and makes a reply of its exception. An operation of a client that is gone does not run.
 template <class Operation>
 void guard(Call& call, const Operation& operation) {
-  using protocol::Code;
   try {
-    if (call.client->is_gone) throw Refusal(Code::kFailedPrecondition, "the client is gone");
+    if (call.client->is_gone) throw Refusal(protocol::Code::kFailedPrecondition, "the client is gone");
     operation();
     if (std::holds_alternative<std::monostate>(call.reply.result)) call.result<protocol::Done>();
-  } catch (const Refusal& error) {
-    call.fail(error.code(), error.what());
-  } catch (const std::invalid_argument& error) {
-    call.fail(Code::kInvalidArgument, error.what());
-  } catch (const std::bad_alloc&) {
-    call.fail(Code::kResourceExhausted, "the server has not enough memory for this");
-  } catch (const std::logic_error& error) {
-    call.fail(Code::kFailedPrecondition, error.what());
-  } catch (const std::runtime_error& error) {
-    call.fail(Code::kFailedPrecondition, error.what());
-  } catch (const std::exception& error) {
-    const std::string text = error.what();  // Python's has a traceback, whose paths are none of the client's business
-    call.fail(Code::kInternal, text.substr(0, text.find('\n')));
+  } catch (const std::exception&) {
+    call.fail_by_exception();
   }
 }
 

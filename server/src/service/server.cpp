@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <exception>
 #include <filesystem>
+#include <functional>
 #include <mutex>
 #include <stdexcept>
 #include <string>
@@ -107,12 +108,12 @@ class Server::Impl {
         lockstep_timer_(tick_timer_.get_executor()),
         retry_timer_(accepting_) {
     listen();
-    service_.on_new_rate([this] { asio::post(tick_timer_.get_executor(), [this] { schedule_tick(); }); });
+    service_.on_new_rate([this] { post([this] { schedule_tick(); }); });
     service_.on_lockstep_wait([this](std::uint64_t wait) {
-      asio::post(lockstep_timer_.get_executor(), [this, wait] {
+      post([this, wait] {
         lockstep_timer_.expires_after(std::chrono::duration_cast<std::chrono::steady_clock::duration>(
             std::chrono::duration<double>(config_.lockstep_timeout_s)));
-        lockstep_timer_.async_wait([this, wait](boost::system::error_code error) {
+        server::after(lockstep_timer_, [this, wait](boost::system::error_code error) {
           if (!error) service_.end_lockstep_wait(wait);
         });
       });
@@ -163,6 +164,8 @@ class Server::Impl {
  private:
   static constexpr int kSpareConnections = 64;  // beyond the clients: for those that have not said Hello
 
+  // Runs it later, in the strand of the timers for steps.
+  void post(std::function<void()> work) { asio::post(tick_timer_.get_executor(), std::move(work)); }
   Service::Post runs_on(asio::thread_pool& thread) {
     return [this, &thread](std::function<void()> work) {
       asio::post(thread, [this, work = std::move(work)] {
@@ -196,7 +199,7 @@ class Server::Impl {
       if (tcp_) tcp_->close(ignored);
       if (unix_) unix_->close(ignored);
     });
-    asio::post(tick_timer_.get_executor(), [this] { tick_timer_.cancel(); });
+    post([this] { tick_timer_.cancel(); });
     std::vector<std::weak_ptr<server::Session>> open;
     {
       const std::scoped_lock lock(list_mutex_);
@@ -280,7 +283,7 @@ class Server::Impl {
     // Too many open files, say: try again a little later.
     drop_oldest(kSpareConnections);
     retry_timer_.expires_after(std::chrono::milliseconds(100));
-    retry_timer_.async_wait([this](boost::system::error_code cancelled) {
+    server::after(retry_timer_, [this](boost::system::error_code cancelled) {
       if (!cancelled) accept();
     });
   }
@@ -324,7 +327,7 @@ class Server::Impl {
     const auto now = std::chrono::steady_clock::now();
     next_tick_ = std::max(next_tick_ + period, now);  // what was missed is not made up for
     tick_timer_.expires_at(next_tick_);
-    tick_timer_.async_wait([this](boost::system::error_code error) {
+    server::after(tick_timer_, [this](boost::system::error_code error) {
       if (error) return;
       service_.tick();
       schedule_tick();

@@ -82,9 +82,9 @@ Session::~Session() {
 // ----------------------------------------------------------------------------------------------------------------- beginning
 
 void Session::start() {
-  asio::dispatch(socket_.get_executor(), [self = self()] {
+  in_strand([self = self()] {
     self->hello_timer_.expires_after(kHelloTime);
-    self->hello_timer_.async_wait([weak = self->weak_from_this()](beast::error_code error) {
+    after(self->hello_timer_, [weak = self->weak_from_this()](beast::error_code error) {
       const auto late = weak.lock();
       if (!error && late && !late->is_open_) late->close(websocket::close_code::policy_error, "expected Hello within 10 s");
     });
@@ -103,12 +103,10 @@ void Session::read_upgrade() {
     self->buffer_.clear();
     // A browser lets any web page connect to this machine, and says so by this field.
     if (!self->sessions_.config.token.empty() || self->upgrade_.count(beast::http::field::origin) == 0) return self->accept();
-    const auto response = std::make_shared<beast::http::response<beast::http::string_body>>(
-        beast::http::status::forbidden, self->upgrade_.version(), "a web page needs the token of a server that has one\n");
-    response->keep_alive(false);
-    response->prepare_payload();
-    beast::http::async_write(self->socket_.next_layer(), *response,
-                             [self, response](beast::error_code, std::size_t) { self->end(); });
+    constexpr std::string_view kForbidden =
+        "HTTP/1.1 403 Forbidden\r\nConnection: close\r\n\r\na web page needs the token of a server that has one\n";
+    const auto end = [self](beast::error_code, std::size_t) { self->end(); };
+    asio::async_write(self->socket_.next_layer(), asio::buffer(kForbidden), Then(end));
   });
 }
 
@@ -280,7 +278,7 @@ void Session::end_request() {
 }
 
 void Session::deliver(const std::shared_ptr<Call>& call) {
-  asio::dispatch(socket_.get_executor(), [self = self(), call] {
+  in_strand([self = self(), call] {
     if (!call->is_of_stream) {
       self->end_request();
     } else {
@@ -340,7 +338,7 @@ void Session::subscribe(const std::shared_ptr<Call>& call, const protocol::Subsc
 void Session::wait_for(std::uint64_t id) {
   const auto found = subscriptions_.find(id);
   if (found == subscriptions_.end()) return;
-  found->second->timer.async_wait([weak = weak_from_this(), id, stream = std::weak_ptr(found->second)](beast::error_code error) {
+  after(found->second->timer, [weak = weak_from_this(), id, stream = std::weak_ptr(found->second)](beast::error_code error) {
     const auto self = weak.lock();
     const auto subscription = stream.lock();
     if (error || !self || !subscription || self->is_gone || self->is_ending_) return;
@@ -428,11 +426,11 @@ void Session::write() {
 // ---------------------------------------------------------------------------------------------------------------------- end
 
 void Session::stop(const std::string& reason) {
-  asio::dispatch(socket_.get_executor(), [self = self(), reason] { self->close(websocket::close_code::going_away, reason); });
+  in_strand([self = self(), reason] { self->close(websocket::close_code::going_away, reason); });
 }
 
 void Session::drop() {
-  asio::dispatch(socket_.get_executor(), [self = self()] {
+  in_strand([self = self()] {
     if (!self->is_open_) self->end();
   });
 }
@@ -468,7 +466,7 @@ void Session::watch() {
     socket_.async_ping({}, [self = self()](beast::error_code) { self->is_pinging_ = false; });
   }
   idle_timer_.expires_at(last_arrival_ + (is_late ? limit : limit / 2));
-  idle_timer_.async_wait([weak = weak_from_this()](beast::error_code error) {
+  after(idle_timer_, [weak = weak_from_this()](beast::error_code error) {
     const auto self = weak.lock();
     if (!error && self && !self->is_gone) self->watch();
   });

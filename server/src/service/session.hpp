@@ -19,6 +19,7 @@
 #include <cstdint>
 #include <deque>
 #include <exception>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -66,6 +67,9 @@ class Then {
 
   std::unique_ptr<Next> next_;
 };
+
+// Likewise, what follows the wait of a timer.
+inline void after(asio::steady_timer& timer, std::function<void(beast::error_code)> then) { timer.async_wait(std::move(then)); }
 
 // The bytes of a connection, over TCP or a Unix socket, with or without TLS. It is one type, so that the compiler makes one
 // WebSocket of it.
@@ -188,6 +192,8 @@ class Session final : public Client, public std::enable_shared_from_this<Session
     std::int64_t last_change = -1;  // change count of the value that was sent last
   };
 
+  // Runs it in the strand of the stream, at once if this thread is in it.
+  void in_strand(std::function<void()> part) { asio::dispatch(socket_.get_executor(), std::move(part)); }
   // Reads the HTTP request that begins a WebSocket, and refuses those of web pages if there is no token.
   void read_upgrade();
   void accept();
