@@ -234,8 +234,7 @@ void add_fields(const py::object& cls, const std::type_info& type, const std::ve
   });
 }
 
-// Registers a configuration class with a keyword constructor and pickling, because Gymnasium copies the keywords of an env. `doc`
-// is left out if the class stands in core.pyi, which then has its docstring.
+// Registers a configuration class with keywords, and pickling for Gymnasium. Without `doc`, core.pyi has its docstring.
 template <class Config>
 py::class_<Config> register_fields(py::module_& module, const char* name, const char* doc = "") {
   py::class_<Config> cls(module, name, doc);
@@ -454,6 +453,7 @@ void register_config(py::module_& module) {
   register_fields<GradientConfig>(module, "GradientConfig", "One update by the derivatives of the flight.");
   register_results<GradientReport>(module, "GradientReport", "Results of such an update.");
   register_fields<NavigationReward>(module, "NavigationReward");
+  register_fields<GateDetector>(module, "GateDetector", GateDetector::kAbout);
   py::dict tasks;
   for_each_task([&]<class Config>(std::type_identity<Config>) {
     const TaskWords words = Config::words();
