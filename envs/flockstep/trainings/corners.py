@@ -46,6 +46,7 @@ def row(race: Training) -> Training:
     """Return the row of a race by corners, from the row of the race."""
     return replace(
         race,
+        steps=20_000_000,
         learns=lambda: {**race.learns(), **seen("between")},
         judged=lambda flights, seed: {
             kind: {**keywords, **seen("gate")} for kind, keywords in race.judged(flights, seed).items()
@@ -66,7 +67,7 @@ class ByCorners(Flyer):
 
 
 class Gates:
-    """Where the next gates are, from their corners; between images the estimated flight moves them."""
+    """Offsets and directions of the next gates, from their corners; between images the estimated flight moves them."""
 
     def __init__(self, envs: DroneVectorEnv) -> None:
         task: Any = envs.task

@@ -28,7 +28,7 @@ def rays_of(observation):
 
 
 def pixels_of(rays, detector):
-    """Where directions (..., 3), body frame, are in the image, px left and up of its middle; and their part ahead."""
+    """Points in the image of directions (..., 3), body frame: px left and up of its middle; and their part ahead."""
     tilt = quat_from_rpy(np.radians([0, -detector.tilt_deg, 0]))
     points = rotate(tilt, rays.astype(float), inverse=True)
     focal = detector.width_px / 2 / np.tan(np.radians(detector.hfov_deg) / 2)
