@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import flockstep
-from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, Training, Verdict, best_of, judge, train
+from flockstep.trainings import TRAININGS, UNSEEN_SEEDS, Training, Verdict, best_of, corners, judge, train
 from flockstep.variations import presets
 from timing import Measured, Median, in_turns, timed
 
@@ -122,16 +122,9 @@ def exact_and_d435() -> dict[str, dict[str, Any]]:
     return {"exact": {}, "erring": {"camera": camera}}
 
 
-#: As of visual-inertial odometry, so that a policy knows no exact pose.
-ESTIMATE = flockstep.PoseSensorConfig(
-    position_noise_std_m=0.005,
-    orientation_noise_std_deg=0.2,
-    velocity_noise_std_mps=0.03,
-    position_random_walk=0.02,
-    yaw_random_walk=0.1,
-    rate_hz=50,
-    latency_s=0.02,
-)
+#: A policy knows no exact pose.
+ESTIMATE = copy(corners.ESTIMATE)
+ESTIMATE.rate_hz, ESTIMATE.latency_s = 50, 0.02
 
 
 def crossed(name: str, training: Training, kinds: Mapping[str, dict[str, Any]]) -> Iterator[Measured]:

@@ -450,6 +450,7 @@ void register_config(py::module_& module) {
   register_fields<GradientConfig>(module, "GradientConfig", "One update by the derivatives of the flight.");
   register_results<GradientReport>(module, "GradientReport", "Results of such an update.");
   register_fields<NavigationReward>(module, "NavigationReward");
+  register_fields<GateDetector>(module, "GateDetector", GateDetector::kAbout);
   py::dict tasks;
   for_each_task([&]<class Config>(std::type_identity<Config>) {
     const TaskWords words = Config::words();

@@ -162,8 +162,10 @@ void Learner::require_derivatives(const GradientConfig& config, const Batch& bat
   config.validate();
   const Parts& parts = *parts_;
   const Simulation& sim = *batch.sim_;
-  require(sim.task_state && dynamic_cast<task::FlightGradient*>(sim.task_state->task.get()) != nullptr, "task",
-          "hover, track or race, whose losses have derivatives", sim.task_state ? task_name(*sim.task_state->task) : "none");
+  const auto* const flight = sim.task_state ? dynamic_cast<task::FlightGradient*>(sim.task_state->task.get()) : nullptr;
+  require(flight != nullptr, "task", "hover, track or race, whose losses have derivatives",
+          sim.task_state ? task_name(*sim.task_state->task) : "none");
+  flight->require_derivatives();
   require(sim.config.observed.is_off(), "observed", "observations without history, past actions, delay and age",
           told(sim.config.observed));
   require(sim.config.privileged.empty(), "privileged", "none", sim.config.privileged.empty() ? "" : sim.config.privileged[0]);

@@ -20,6 +20,8 @@ class FlightGradient {
  public:
   virtual ~FlightGradient() = default;
   virtual Terms terms() const = 0;
+  // Throws std::invalid_argument if the task is configured to observe what has no derivatives.
+  virtual void require_derivatives() const {}
   // Numbers of a drone that its loss and observation read: targets, gates and so on.
   virtual std::size_t num_constants() const = 0;
   // Writes them before a step, after its observation was made; and those that are known only after it.

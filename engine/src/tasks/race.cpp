@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <numbers>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -14,8 +15,11 @@
 
 #include "base/check_fields.hpp"
 #include "base/pose_access.hpp"
+#include "base/random.hpp"
 #include "base/require.hpp"
+#include "flockstep/sensors/imu.hpp"
 #include "tasks/flight_task.hpp"
+#include "tasks/gate_corners.hpp"
 #include "tasks/gates.hpp"
 #include "tasks/terms.hpp"
 
@@ -30,7 +34,8 @@ class Race final : public DifferentiableTask<RaceConfig> {
   explicit Race(const RaceConfig& config)
       : DifferentiableTask(config), gates_ahead_(static_cast<std::size_t>(config.gates_ahead)) {
     max_thrust_to_weight_ = static_cast<double>(config.max_thrust_to_weight);
-    spec_.observation = {flight_field(kPerGate * gates_ahead_ + kOwn)};
+    if (config.gate_detector) corners_.emplace(*config.gate_detector);
+    spec_.observation = {flight_field((corners_ ? GateCorners::kNumbers : kPerGate) * gates_ahead_ + kOwn)};
     spec_.records_path = true;
   }
 
@@ -140,9 +145,12 @@ class Race final : public DifferentiableTask<RaceConfig> {
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
     const State& state = block.context.state();
+    const std::vector<float>& gyroscope = block.context.readings<ImuReadings>().gyroscope;
+    const auto& rates = corners_ && !gyroscope.empty() ? gyroscope : state.flight.angular_velocity;
     const float scale = config_.observation_scale;
     for (const DroneIndex drone : block.drones) {
-      const std::span<const Gate> gates = block.context.world_of(block.context.env_of(drone)).gates();
+      const EnvIndex env = block.context.env_of(drone);
+      const std::span<const Gate> gates = block.context.world_of(env).gates();
       const Pose pose = block.context.sensed_pose(drone);
       const Mat3 to_body = pose.rotation.toRotationMatrix().transpose();
       float* row = observation[0].row<float>(drone).data();
@@ -150,18 +158,26 @@ class Race final : public DifferentiableTask<RaceConfig> {
       std::size_t index = static_cast<std::size_t>(target_[drone]) % gates.size();
       for (std::size_t i = 0; i < gates_ahead_; ++i) {
         const Gate& gate = gates[index];
-        write(to_body * (gate.center - pose.position) * scale);
-        write(to_body * normal_of(gate));
+        if (corners_) {
+          const std::size_t view = gates_ahead_ * static_cast<std::size_t>(state.sensed[env]) + i;
+          row = corners_->find(gate, state, drone, block.context.drones_per_env(), view, row);
+        } else {
+          write(to_body * (gate.center - pose.position) * scale);
+          write(to_body * normal_of(gate));
+        }
         if (++index == gates.size()) index = 0;
       }
       write(to_body * sensed_velocity_of(block.context, drone) * scale);
       write(to_body.col(2));
-      write(angular_velocity_of(state, drone) * scale);
+      write(Vec3::Map(rates.data() + 3 * drone) * scale);
       std::copy_n(action_now().data() + kActions * drone, kActions, row);
     }
   }
 
   Terms terms() const override { return Terms::race; }
+  void require_derivatives() const override {
+    require(!corners_, "task.gate_detector", "None, whose observation has derivatives", "a GateDetector");
+  }
   std::size_t num_constants() const override { return 13 + kPerGate * gates_ahead_; }
   void write_constants(const TaskContext& context, DroneIndex drone, float* to) override {
     const World& world = context.world_of(context.env_of(drone));
@@ -259,6 +275,7 @@ class Race final : public DifferentiableTask<RaceConfig> {
   }
 
   std::size_t gates_ahead_;
+  std::optional<GateCorners> corners_;
   std::vector<std::int32_t> target_;   // (N,) index of the next gate
   std::vector<std::int64_t> passed_;   // (N,) gates passed in this episode
   std::vector<double> distance_;       // (N,) m, to the centre of the next gate after the last step
@@ -269,6 +286,8 @@ class Race final : public DifferentiableTask<RaceConfig> {
 
 }  // namespace
 }  // namespace task
+
+void GateDetector::validate() const { check_fields(*this, "task.gate_detector."); }
 
 void RaceConfig::validate() const {
   check_fields(*this, "task.");

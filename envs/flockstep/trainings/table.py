@@ -21,7 +21,7 @@ from flockstep._core import (
     TrackConfig,
     World,
 )
-from flockstep.trainings import firmware, flyers, gradients, varied
+from flockstep.trainings import corners, firmware, flyers, gradients, varied
 from flockstep.trainings.flying import Flyer
 from flockstep.trainings.training import TRAINING_SEEDS, Keywords, Training
 
@@ -377,6 +377,7 @@ TRAININGS["race_alike"] = replace(
     bench=("race_varied", "alike", 5),
 )
 TRAININGS |= firmware.rows(TRAININGS["race"])
+TRAININGS["race_by_corners"] = corners.row(TRAININGS["race"])
 by_gradients = gradients.by_gradients
 TRAININGS |= {
     "hover_apg": by_gradients(TRAININGS["hover"], 307_200, gradients.POINT, "hover"),

@@ -152,6 +152,7 @@ TEST(CheckFields, IsCalledByEachConfiguration) {
   EXPECT_EQ(count_refused<NavigationConfig>("task."), 3);
   EXPECT_EQ(count_refused<HoverConfig>("task."), 12);
   EXPECT_EQ(count_refused<TrackConfig>("task."), 11);
+  EXPECT_EQ(count_refused<GateDetector>("task.gate_detector."), 14);
 }
 
 TEST(CheckFields, IsDoneToTheConfigurationsOfABatch) {

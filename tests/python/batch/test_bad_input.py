@@ -203,7 +203,7 @@ CONFIGS = [
     *(flockstep.EpisodeConfig, flockstep.ClockConfig, flockstep.WindConfig, flockstep.DynamicsConfig),
     *(flockstep.NavigationReward, flockstep.NavigationConfig, flockstep.HoverConfig, flockstep.TrackConfig),
     *(flockstep.RaceConfig, flockstep.BarometerConfig, flockstep.MagnetometerConfig),
-    *(flockstep.GpsReceiverConfig, flockstep.OpticalFlowConfig),
+    *(flockstep.GpsReceiverConfig, flockstep.OpticalFlowConfig, flockstep.GateDetector),
 ]
 
 

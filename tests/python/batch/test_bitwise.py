@@ -120,6 +120,10 @@ FLIGHTS = {
     "drifting": lambda: DRIFTING,
     "track": lambda: {"task": flockstep.TrackConfig(path="random"), "drone": "x500", "control": "velocity"},
     "race": lambda: {"task": flockstep.RaceConfig(laps=1, cap_success=0.0, speed_cap_mps=(4.0, 6.0))},
+    "corners": lambda: {
+        "task": flockstep.RaceConfig(gate_detector=flockstep.GateDetector(noise_std_px=3, dropout=0.3)),
+        "drones_per_env": 2,
+    },
     "dodge": lambda: {"task": flockstep.DodgeConfig(), "worlds": scenes.load("living")[1:2]},
     "swap": lambda: {"task": flockstep.SwapConfig(), "drones_per_env": 3},
     "formation": lambda: {"task": flockstep.FormationConfig(), "drones_per_env": 3},

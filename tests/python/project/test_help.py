@@ -152,6 +152,7 @@ def test_stub_and_documents_are_made_from_the_lists_of_the_engine(monkeypatch):
     others = {f"{name}Config" for name in f"Network Rollout Update Server Gradient {sensors}".split()}
     others |= {
         "NavigationReward",
+        "GateDetector",
         "ColorRange",
         "Variation",
         "RangeErrors",

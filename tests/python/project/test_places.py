@@ -95,7 +95,7 @@ WHERE = {
 #: identification reads and writes drone files.
 USERS = {
     "field": r"/trainings/|/identification/|flockstep/(thesis|variations)\.py",
-    "sensor": r"flockstep/thesis\.py",
+    "sensor": r"/trainings/|flockstep/thesis\.py",
     "task": r"flockstep/(thesis|trainings/varied)\.py",
 }
 

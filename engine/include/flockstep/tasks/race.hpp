@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 
 #include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
@@ -18,6 +19,41 @@ template <>
 struct EnumNames<RaceStart> {
   static constexpr std::array kNames{"between", "gate"};
 };
+
+// A camera at the drone's centre, and a program that finds gates in its images.
+struct GateDetector {
+  static constexpr const char* kAbout =
+      "A camera with a program that finds the corners of gates: of a square opening, or of the square inside a ring.\n\n"
+      "There is one image for each observation. The program tells gates and corners apart, and sees through what hides them.";
+
+  int width_px = 640;
+  int height_px = 480;
+  float hfov_deg = 90.0F;
+  float tilt_deg = 0.0F;
+  float max_range_m = 30.0F;
+  float noise_std_px = 0.0F;
+  float dropout = 0.0F;
+
+  static constexpr auto fields() {
+    using C = GateDetector;
+    return field_list(
+        field("width_px", &C::width_px, {.about = "Width of the images.", .unit = "px", .limits = between(1, 8192)}),
+        field("height_px", &C::height_px, {.about = "Height of the images.", .unit = "px", .limits = between(1, 8192)}),
+        field("hfov_deg", &C::hfov_deg,
+              {.about = "Horizontal field of view of a pinhole with square pixels.", .unit = "deg", .limits = between(0.1, 179)}),
+        field("tilt_deg", &C::tilt_deg,
+              {.about = "Angle by which the camera looks up from the body's x axis.", .unit = "deg", .limits = within(90)}),
+        field("max_range_m", &C::max_range_m,
+              {.about = "Maximum distance of a corner.", .unit = "m", .limits = above_up_to(0, 1e6)}),
+        field("noise_std_px", &C::noise_std_px,
+              {.about = "Gaussian noise along both sides of the image.", .unit = "px", .limits = between(0, 1000)}),
+        field("dropout", &C::dropout,
+              {.about = "Probability that a corner in the image is not found.", .limits = between(0, 1)}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
 struct RaceConfig {
   static constexpr const char* kName = "race";
   static constexpr const char* kAbout = "Fly through the gates of a track, lap after lap.";
@@ -47,9 +83,11 @@ struct RaceConfig {
             {
                 {"6 for each of ``gates_ahead``",
                  "offset to the next gate's centre, m, times k (3), and the direction in which it is passed (3)"},
+                {"or 12 with ``gate_detector``",
+                 "instead unit vectors to the gate's corners (4 x 3), seen from the exact pose, 0 for each that is not found"},
                 {"3", "velocity, m/s, times k"},
                 {"3", "the world's up vector"},
-                {"3", "angular velocity, rad/s, times k"},
+                {"3", "angular velocity, rad/s, times k. With ``gate_detector`` by the first IMU, if there is one"},
                 {"4", "last action"},
             },
         .reward =
@@ -73,6 +111,7 @@ struct RaceConfig {
 
   int laps = 3;
   int gates_ahead = 2;
+  std::optional<GateDetector> gate_detector;
   float max_thrust_to_weight = 4.0F;
   RaceStart start = RaceStart::between;
   float start_offset_m = 0.5F;
@@ -97,6 +136,8 @@ struct RaceConfig {
     return field_list(
         field("laps", &C::laps, {.about = "Laps of a successful episode.", .limits = between(1, 1000)}),
         field("gates_ahead", &C::gates_ahead, {.about = "Number of gates that are observed.", .limits = between(1, 8)}),
+        field("gate_detector", &C::gate_detector,
+              {.about = "How the drone sees the gates. None: it observes where they are. `flockstep.APG` needs None."}),
         field("max_thrust_to_weight", &C::max_thrust_to_weight,
               {.about = "Largest commanded thrust over the weight, if the rotors can deliver it.", .limits = between(1.1, 100)}),
         field("start", &C::start,
