@@ -10,13 +10,15 @@ namespace flockstep::render {
 namespace {
 
 constexpr std::size_t kPixels = PixelTile::kSide * PixelTile::kSide;  // pixels per tile
+// Floats after the last tile: packets read 4 rows of it, even if it has one.
+constexpr std::size_t kPadding = 3 * PixelTile::kSide + trace::kRayPadding;
 
 // Returns the slopes (centre - (i + place)) / focal for the pixels i of every tile along one side of the image. Each tile
 // gets a value for each of its pixels; along(pixel) is the position of a pixel along that side.
 template <class Along>
 std::vector<float> slopes(int pixels, float centre, float focal, double place, const Along& along) {
   const std::size_t tiles = (static_cast<std::size_t>(pixels) + PixelTile::kSide - 1) / PixelTile::kSide;
-  std::vector<float> result(tiles * kPixels + trace::kRayPadding);
+  std::vector<float> result(tiles * kPixels + kPadding);
   for (std::size_t i = 0; i < tiles * kPixels; ++i) {
     const auto pixel = static_cast<double>(i / kPixels * PixelTile::kSide + along(i % kPixels));
     result[i] = static_cast<float>((static_cast<double>(centre) - (pixel + place)) / static_cast<double>(focal));
@@ -64,7 +66,7 @@ class LensTable {
     PinholeCamera::Grid grid;
     const bool fisheye = pinhole_.lens->is_fisheye();
     for (auto* values : {&grid.left, &grid.up, &grid.ahead}) {
-      if (values != &grid.ahead || fisheye) values->resize(pinhole_.tiles.size() * kPixels + trace::kRayPadding);
+      if (values != &grid.ahead || fisheye) values->resize(pinhole_.tiles.size() * kPixels + kPadding);
     }
     for (const PixelTile& tile : pinhole_.tiles) {
       for (std::size_t i = 0; i < kPixels; ++i) {
@@ -116,9 +118,25 @@ class LensTable {
   Lens::Point last_ = Lens::Point::Zero();
 };
 
-}  // namespace
+// Returns the tiles of one row of pixels each, row by row, whose rays are those of these tiles.
+std::vector<PixelTile> cut_into_rows(const std::vector<PixelTile>& tiles) {
+  std::vector<PixelTile> rows;
+  for (auto left = tiles.begin(); left != tiles.end();) {
+    const auto end = std::find_if(left, tiles.end(), [&](const PixelTile& tile) { return tile.row != left->row; });
+    for (std::size_t row = 0; row < left->height; ++row) {
+      for (auto tile = left; tile != end; ++tile) {
+        rows.push_back(*tile);
+        rows.back().row += row;
+        rows.back().height = 1;
+        rows.back().first = row * PixelTile::kSide;
+      }
+    }
+    left = end;
+  }
+  return rows;
+}
 
-PinholeCamera make_pinhole_camera(const CameraConfig& camera) {
+PinholeCamera make_whole_tiles(const CameraConfig& camera) {
   PinholeCamera pinhole{.fx = camera.fx(),
                         .fy = camera.fy(),
                         .cx = 0.5F * static_cast<float>(camera.width_px),
@@ -169,6 +187,14 @@ PinholeCamera make_pinhole_camera(const CameraConfig& camera) {
   const double down = past_end(height) - static_cast<double>(pinhole.cy);
   pinhole.corner =
       static_cast<float>(std::hypot(1.0, right / static_cast<double>(pinhole.fx), down / static_cast<double>(pinhole.fy)));
+  return pinhole;
+}
+
+}  // namespace
+
+PinholeCamera make_pinhole_camera(const CameraConfig& camera) {
+  PinholeCamera pinhole = make_whole_tiles(camera);
+  if (camera.rolling_shutter_s > 0.0F) pinhole.tiles = cut_into_rows(pinhole.tiles);
   return pinhole;
 }
 

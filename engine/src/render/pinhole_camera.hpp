@@ -15,9 +15,10 @@ namespace flockstep::render {
 // A block of pixels that is traced together.
 struct PixelTile {
   static constexpr std::size_t kSide = 16;  // pixels; one row is a vector of rays
-  std::size_t column, row;                  // its first pixel, a multiple of kSide
+  std::size_t column, row;                  // its first pixel, a multiple of kSide; any row with a rolling shutter
   std::size_t width, height;                // at most kSide
   std::size_t across, down;                 // numbers of its columns and rows in the arrays of a Grid
+  std::size_t first = 0;                    // its first ray there
   trace::Frustum frustum;                   // camera frame
   float density;                            // pixels per unit of area, where directions end
 };
@@ -25,6 +26,8 @@ struct PixelTile {
 // The pinhole model. The ray through pixel (u, v), counted from the upper left, has the direction (1, (cx - u - 1/2) / fx,
 // (cy - v - 1/2) / fy) in the camera frame: x along the optical axis, y left, z up. Lengths along the ray are therefore
 // planar depths.
+//
+// With a rolling shutter, each row of pixels has a pose of its own, and thus tiles of its own, one pixel high.
 //
 // A lens bends the rays: each tile has columns and rows of its own. The directions of a fisheye, some of which may point
 // backwards, have length 1. Lengths along its rays are ranges.

@@ -2,11 +2,13 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "flockstep/config.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 #include "render/appearance.hpp"
+#include "render/exposure.hpp"
 #include "render/pinhole_camera.hpp"
 #include "trace/tracer.hpp"
 
@@ -44,8 +46,9 @@ struct RenderRequest {
   RenderTargets frame;
   std::uint8_t* centres = nullptr;  // adaptive cameras: planes of r, g, b at the pixels' centres, padded to whole tiles
   trace::TracePolicy policy{};
-  VisibleBodies bodies{};  // bodies of the env; their arrays must outlive the rendering
-  VisibleBodies drones{};  // the same for the drones that the camera sees
+  VisibleBodies bodies{};              // bodies of the env; their arrays must outlive the rendering
+  VisibleBodies drones{};              // the same for the drones that the camera sees
+  std::optional<Exposure> exposure{};  // of a camera that takes_time(); it ends at the position and rotation above
 };
 
 }  // namespace flockstep::render

@@ -43,7 +43,8 @@ void Renderer::raycast(std::span<const RenderRequest> requests, Workers& workers
     const std::size_t jobs = (tiles + kTilesPerJob - 1) / kTilesPerJob;
     const std::size_t colors = 3 * tiles * TilePixels::kCount;
     const auto& camera = *requests[0].camera;
-    const bool adaptive = camera.adaptive_samples && camera.samples_per_pixel > 1 && camera.outputs.any_color();
+    const bool adaptive =
+        camera.adaptive_samples && camera.samples_per_pixel > 1 && camera.outputs.any_color() && !camera.takes_time();
     if (adaptive && centres_.size() < count * colors) centres_.resize(count * colors);
     const auto for_all_tiles = [&](const auto& render) {
       workers.run(count * jobs, [&](std::size_t job, std::size_t thread) {

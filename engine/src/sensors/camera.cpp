@@ -18,7 +18,6 @@
 #include "prepared/prepared_world.hpp"
 #include "render/lens.hpp"
 #include "sensors/presets.hpp"
-#include "trace/ray_block.hpp"
 
 namespace flockstep {
 namespace {
@@ -83,6 +82,8 @@ void CameraConfig::validate() const {
   }
   require_lens(*this);
   require(far_m > near_m, "camera.far_m", "a number > near_m (" + std::to_string(near_m) + ")", far_m);
+  require(samples_per_pixel * num_poses() <= kMaxColorSamples, "camera.blur_samples",
+          "at most 256 / samples_per_pixel (" + std::to_string(kMaxColorSamples / samples_per_pixel) + ")", blur_samples);
   require(shadows || sun_size_deg == 0.0F, "camera.sun_size_deg", "0 without shadows", sun_size_deg);
   bool any = false;
   for_each_field(outputs, [&](const auto&, bool chosen) { any = any || chosen; });
@@ -193,13 +194,16 @@ Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t
       rendered_pixels_(area(config.width_px, config.height_px)),
       settings_(config, num_drones, false, &render::make_pinhole_camera),
       mounting_(num_drones, matrix_of(config.quat_wxyz)),
+      motion_(config.takes_time() ? num_drones : 0),
+      ticks_hz_(static_cast<float>(clock.ticks_hz())),
       delay_(config, label(), 0, clock, drones_per_env, num_drones),  // frames are taken after steps, whatever the rate
       has_depth_errors_(config.depth_errors != DepthErrors()),
       has_color_errors_(config.color_errors != ColorErrors()),
       errors_(stream_named("errors of " + label())),
       blotch_threshold_(blotch_threshold(config.depth_errors.blotches)),
       color_levels_(has_color_errors_ ? make_levels(config.color_errors) : std::vector<std::uint8_t>()) {
-  if (config.projection == Projection::fisheye) policy_.tile_triangle_limit = 0;  // tiles have rays ahead only
+  // Triangles are traced in tiles of 16 x 16 rays ahead only.
+  if (config.projection == Projection::fisheye || config.rolling_shutter_s > 0.0F) policy_.tile_triangle_limit = 0;
   flockstep::allocate(taken_, {.num_drones = num_drones});
   allocate_images(images_, config.outputs, num_drones, pixels_);
   if (config.resize) {
@@ -271,10 +275,11 @@ bool Camera::is_due(DroneIndex drone, const State& state, std::uint64_t seen) co
 
 std::optional<render::RenderRequest> Camera::take(DroneIndex drone, const World& world, const State& state, std::uint64_t seen) {
   const std::size_t env = drone / drones_per_env_;
+  const Pose pose = pose_of(state, drone);
   taken_.tick[drone] = state.tick[env];
+  if (config_.takes_time()) motion_.add(drone, pose, state.tick[env]);
   if (is_late() && !delay_.add(state, drone)) return std::nullopt;
   if (events_) events_->take(drone, state);
-  const Pose pose = pose_of(state, drone);
   store_pose(&taken_.position[3 * drone], &taken_.quat_wxyz[4 * drone], pose);
   taken_.world[drone] = state.world_index[env];
   if (bodies_per_env_ > 0) taken_.bodies[drone] = state.bodies.changes[env];
@@ -302,21 +307,22 @@ render::RenderRequest Camera::retake(DroneIndex drone, const World& world) {
 }
 
 render::RenderRequest Camera::request(DroneIndex drone, const World& world, const Pose& pose) {
-  const Mat3 body = pose.rotation.toRotationMatrix();
-  Mat3 rotation;
-  for (int axis = 0; axis < 3; ++axis) rotation.col(axis) = trace::rotated(body, mounting_[drone].col(axis));
+  const render::Mount mount{Vec3::Map(settings_[drone].offset_m.data()), mounting_[drone]};
+  const auto [position, rotation] = mount.on(pose);
   render::RenderRequest request{.world = &world,
                                 .scene = &prepared(world).scene(),
                                 .shading = &prepared(world).shading(config_.shadows),
                                 .camera = &rendering_,
                                 .pinhole = &settings_.optics(drone),
-                                .position = pose.position + trace::rotated(body, Vec3::Map(settings_[drone].offset_m.data())),
+                                .position = position,
                                 .rotation = rotation,
                                 .frame = {},
                                 .policy = policy_,
                                 .bodies = bodies_.of_env(drone / drones_per_env_, bodies_per_env_),
                                 .drones = drones_.seen_by(drone, drones_per_env_)};
   request.frame = targets(drone);
+  if (config_.takes_time())
+    request.exposure = render::Exposure{motion_.path_of(drone, pose, taken_.tick[drone]), mount, ticks_hz_};
   return request;
 }
 
@@ -418,6 +424,7 @@ void Camera::visit(ArrayVisitor& visitor) {
   if (is_late()) rings_.visit(visitor);
   delay_.visit(visitor);
   if (events_) events_->visit(visitor);
+  if (config_.takes_time()) motion_.visit(visitor);
   if (keeps_images()) visit_images(visitor);
 }
 
@@ -434,6 +441,7 @@ void Camera::restored() {
 void Camera::check() const {
   delay_.check();
   if (events_) events_->check();
+  motion_.check();
   check_values(std::span<const float>(images_.age_s), "snapshot: frame_age_s", Values::finite);
   for (std::size_t i = 0; i < settings_.size(); ++i) {
     const DroneIndex drone(i);

@@ -184,9 +184,9 @@ void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const
   const std::size_t pixels = has_soft_light(request, wanted) ? tile.height * PixelTile::kSide : 0;
   for (std::size_t i = 0; i < pixels; ++i) seed(request, grid, tile, i, i, scratch);
   shoot(request, tile,
-        {.x = grid.ahead.empty() ? scratch.ones : grid.ahead.data() + tile.across * TilePixels::kCount,
-         .y = grid.left.data() + tile.across * TilePixels::kCount,
-         .z = grid.up.data() + tile.down * TilePixels::kCount,
+        {.x = grid.ahead.empty() ? scratch.ones : grid.ahead.data() + tile.across * TilePixels::kCount + tile.first,
+         .y = grid.left.data() + tile.across * TilePixels::kCount + tile.first,
+         .z = grid.up.data() + tile.down * TilePixels::kCount + tile.first,
          .rows = tile.height,
          .width = PixelTile::kSide,
          .frustum = &tile.frustum,
@@ -201,23 +201,54 @@ CameraOutputs colors_of(CameraOutputs outputs) {
   return outputs;
 }
 
-// Averages the colours of all samples.
+// Returns the bodies and the drones of a request, numbered after the elements of its world.
+std::array<VisibleBodies, 2> numbered_bodies(const RenderRequest& request) {
+  std::array all{request.bodies, request.drones};
+  all[0].shapes.first_element = request.shading->first_body();
+  all[1].shapes.first_element = all[0].shapes.first_element + static_cast<std::int32_t>(all[0].shapes.count);
+  return all;
+}
+
+// Points the tracer from a pose of the camera.
+void aim(const RenderRequest& request, const CameraPose& pose, RaycastScratch& scratch) {
+  const CameraConfig& camera = *request.camera;
+  const auto [bodies, drones] = numbered_bodies(request);
+  scratch.tracer.set_viewpoint(*request.scene,
+                               {.origin = pose.position,
+                                .rotation = pose.rotation,
+                                .near = camera.near_m,
+                                .range = camera.far_m,
+                                .longest = request.pinhole->corner,
+                                .sees_markers = true,
+                                .bodies = &bodies.shapes,
+                                .drones = &drones.shapes,
+                                .asked = {.normals = camera.outputs.normal || has_soft_light(request, camera.outputs),
+                                          .weights = camera.outputs.any_color()},
+                                .policy = request.policy});
+}
+
+// Averages the colours of all samples, at all poses of the exposure, the last of which remains the tracer's.
 void average(const RenderRequest& request, const PixelTile& tile, RaycastScratch& scratch) {
   TilePixels& pixels = scratch.pixels;
   std::uint8_t* const channels[3] = {pixels.r, pixels.g, pixels.b};
   const CameraOutputs colors = colors_of(request.camera->outputs);
   const std::size_t pixels_of_tile = tile.height * PixelTile::kSide;
   for (auto& sums : scratch.sums) std::fill_n(sums, pixels_of_tile, std::uint16_t{0});
-  const auto grids = std::span(request.pinhole->grids).subspan(1);
-  for (const PinholeCamera::Grid& grid : grids) {
-    sample(request, grid, tile, colors, scratch);
-    for (std::size_t c = 0; c < 3; ++c) {
-      for (std::size_t i = 0; i < pixels_of_tile; ++i) {
-        scratch.sums[c][i] = static_cast<std::uint16_t>(scratch.sums[c][i] + channels[c][i]);
+  const auto all = std::span(request.pinhole->grids);
+  const auto grids = all.size() > 1 ? all.subspan(1) : all;
+  const int poses = request.camera->num_poses();
+  for (int pose = 0; pose < poses; ++pose) {
+    if (poses > 1) aim(request, request.exposure->at(*request.camera, tile.row, pose), scratch);
+    for (const PinholeCamera::Grid& grid : grids) {
+      sample(request, grid, tile, colors, scratch);
+      for (std::size_t c = 0; c < 3; ++c) {
+        for (std::size_t i = 0; i < pixels_of_tile; ++i) {
+          scratch.sums[c][i] = static_cast<std::uint16_t>(scratch.sums[c][i] + channels[c][i]);
+        }
       }
     }
   }
-  const auto count = static_cast<unsigned int>(grids.size());
+  const auto count = static_cast<unsigned int>(grids.size()) * static_cast<unsigned int>(poses);
   for (std::size_t c = 0; c < 3; ++c) {
     for (std::size_t i = 0; i < pixels_of_tile; ++i) {
       channels[c][i] = static_cast<std::uint8_t>((scratch.sums[c][i] + count / 2) / count);
@@ -319,27 +350,14 @@ void refine(const RenderRequest& request, const PixelTile& tile, std::span<const
 // Prepares the scratch memory for tiles of a request.
 void begin(const RenderRequest& request, RaycastScratch& scratch) {
   const CameraConfig& camera = *request.camera;
-  VisibleBodies bodies = request.bodies, drones = request.drones;
-  bodies.shapes.first_element = request.shading->first_body();
-  drones.shapes.first_element = bodies.shapes.first_element + static_cast<std::int32_t>(bodies.shapes.count);
+  const auto [bodies, drones] = numbered_bodies(request);
   scratch.bodies.begin(bodies, drones, *request.shading);
-  const bool soft = has_soft_light(request, camera.outputs);
-  if (soft || (camera.shadows && camera.outputs.any_color())) {
+  if (has_soft_light(request, camera.outputs) || (camera.shadows && camera.outputs.any_color())) {
     const auto& primitives = request.world->primitives();
     const bool has_room = !primitives.empty() && primitives[0].kind == PrimitiveKind::room;
     scratch.casters.begin(has_room ? &request.scene->shape(0) : nullptr, request.scene->casters(), bodies.shapes, drones.shapes);
   }
-  scratch.tracer.set_viewpoint(*request.scene,
-                               {.origin = request.position,
-                                .rotation = request.rotation,
-                                .near = camera.near_m,
-                                .range = camera.far_m,
-                                .longest = request.pinhole->corner,
-                                .sees_markers = true,
-                                .bodies = &bodies.shapes,
-                                .drones = &drones.shapes,
-                                .asked = {.normals = camera.outputs.normal || soft, .weights = camera.outputs.any_color()},
-                                .policy = request.policy});
+  aim(request, {request.position, request.rotation}, scratch);
 }
 
 }  // namespace
@@ -350,11 +368,14 @@ void render_tiles(const RenderRequest& request, std::size_t first, std::size_t l
   begin(request, scratch);
   const PinholeCamera& pinhole = *request.pinhole;
   CameraOutputs wanted = request.camera->outputs;
-  const bool samples = pinhole.grids.size() > 1 && request.centres == nullptr;
+  const int poses = request.camera->num_poses();
+  const bool samples = (pinhole.grids.size() > 1 || poses > 1) && request.centres == nullptr;
   if (samples) wanted.rgb = wanted.grey = false;
   const bool centre = wanted.any_color() || wanted.depth || wanted.semantic || wanted.instance || wanted.normal;
   for (std::size_t i = first; i < last; ++i) {
     const PixelTile& tile = pinhole.tiles[i];
+    const bool is_new_row = i == first || tile.row != pinhole.tiles[i - 1].row;
+    if (request.exposure && is_new_row) aim(request, request.exposure->at(*request.camera, tile.row, poses - 1), scratch);
     if (centre) sample(request, pinhole.grids[0], tile, wanted, scratch);
     if (request.centres != nullptr) copy_centres<false>(request, tile, scratch.pixels);
     if (samples && request.camera->outputs.any_color()) average(request, tile, scratch);
