@@ -36,7 +36,7 @@ trace::EmbreeUse Renderer::embree_use() const {
 // Requests of one camera are adjacent and have the same tiles.
 void Renderer::raycast(std::span<const RenderRequest> requests, Workers& workers) {
   while (!requests.empty()) {
-    const std::size_t tiles = requests[0].pinhole->tiles.size();
+    const std::size_t tiles = requests[0].optics->tiles.size();
     const auto other = std::find_if(requests.begin(), requests.end(),
                                     [&](const RenderRequest& request) { return request.camera != requests[0].camera; });
     const auto count = static_cast<std::size_t>(other - requests.begin());

@@ -192,7 +192,7 @@ Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t
       drones_per_env_(drones_per_env),
       pixels_(area(config.image_width_px(), config.image_height_px())),
       rendered_pixels_(area(config.width_px, config.height_px)),
-      settings_(config, num_drones, false, &render::make_pinhole_camera),
+      settings_(config, num_drones, false, &render::make_camera_optics),
       mounting_(num_drones, matrix_of(config.quat_wxyz)),
       motion_(config.takes_time() ? num_drones : 0),
       ticks_hz_(static_cast<float>(clock.ticks_hz())),
@@ -313,7 +313,7 @@ render::RenderRequest Camera::request(DroneIndex drone, const World& world, cons
                                 .scene = &prepared(world).scene(),
                                 .shading = &prepared(world).shading(config_.shadows),
                                 .camera = &rendering_,
-                                .pinhole = &settings_.optics(drone),
+                                .optics = &settings_.optics(drone),
                                 .position = position,
                                 .rotation = rotation,
                                 .frame = {},
@@ -345,7 +345,7 @@ render::RenderTargets Camera::targets(DroneIndex drone) {
 // Errors are added in place: nothing reads the exact images, so that they need no memory of their own.
 void Camera::add_errors(DroneIndex drone, const State& state, ConversionScratch& scratch) {
   const render::RenderTargets frame = targets(drone);
-  const render::PinholeCamera& pinhole = settings_.optics(drone);
+  const render::CameraOptics& optics = settings_.optics(drone);
   const auto reading = static_cast<std::uint32_t>(written().frame_step[row_of(drone)]);
   const auto first = static_cast<std::uint32_t>(4 * rendered_pixels_) * reading;  // more draws than any of the errors uses
   const auto draw = [&](std::uint32_t number) {
@@ -354,13 +354,13 @@ void Camera::add_errors(DroneIndex drone, const State& state, ConversionScratch&
   const auto width = static_cast<std::size_t>(config_.width_px), height = static_cast<std::size_t>(config_.height_px);
   if (has_depth_errors_) {
     add_depth_errors(config_.depth_errors, blotch_threshold_,
-                     {.depths = {frame.depth, rendered_pixels_}, .width = width, .fx = pinhole.fx, .far_m = config_.far_m},
+                     {.depths = {frame.depth, rendered_pixels_}, .width = width, .fx = optics.fx, .far_m = config_.far_m},
                      draw(0), draw(1), scratch.depth_errors);
   }
   if (!has_color_errors_) return;
   const auto add = [&](std::uint8_t* values, std::size_t planes, std::size_t channels, std::uint32_t number) {
     if (values == nullptr) return;
-    add_color_errors(config_.color_errors, color_levels_, pinhole,
+    add_color_errors(config_.color_errors, color_levels_, optics,
                      {.values = values, .width = width, .height = height, .planes = planes, .channels = channels}, draw(number),
                      scratch.color_errors);
   };

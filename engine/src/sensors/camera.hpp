@@ -145,10 +145,10 @@ class Camera final : public Sensor {
   CameraConfig rendering_;  // configuration of the renderer: no resize, rgb instead of hsv, grey instead of events
   trace::TracePolicy policy_;
   std::size_t drones_per_env_;
-  std::size_t pixels_;                                           // pixels of a written image
-  std::size_t rendered_pixels_;                                  // pixels of a rendered frame
-  DroneSettings<CameraConfig, render::PinholeCamera> settings_;  // render requests point to the optics
-  std::vector<Mat3> mounting_;                                   // (N,) rotations, camera to body
+  std::size_t pixels_;                                          // pixels of a written image
+  std::size_t rendered_pixels_;                                 // pixels of a rendered frame
+  DroneSettings<CameraConfig, render::CameraOptics> settings_;  // render requests point to the optics
+  std::vector<Mat3> mounting_;                                  // (N,) rotations, camera to body
   Taken taken_;
   ScanMotion motion_;  // of no drones unless images take time
   float ticks_hz_;

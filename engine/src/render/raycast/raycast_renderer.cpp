@@ -166,20 +166,20 @@ void shoot(const RenderRequest& request, const PixelTile& tile, const trace::Ray
   if (shadows) find_shadows(request, rays, scratch);
   if (soft) find_soft_light(request, rays, shadows, scratch);
   const auto shaded = shadows && !soft ? std::span<const std::uint8_t>(scratch.shaded) : std::span<const std::uint8_t>();
-  const auto samples = static_cast<float>(std::max(request.pinhole->grids.size() - 1, std::size_t{1}));
+  const auto samples = static_cast<float>(std::max(request.optics->grids.size() - 1, std::size_t{1}));
   request.shading->shade(rays, scratch.tracer.details(), shaded, soft ? &scratch.soft : nullptr, 1.0F / (tile.density * samples),
                          wanted, request.camera->depth_kind, scratch.bodies, scratch.pixels);
 }
 
 // Sets the random numbers of the ray through a pixel of a tile.
-void seed(const RenderRequest& request, const PinholeCamera::Grid& grid, const PixelTile& tile, std::size_t pixel,
-          std::size_t ray, RaycastScratch& scratch) {
+void seed(const RenderRequest& request, const CameraOptics::Grid& grid, const PixelTile& tile, std::size_t pixel, std::size_t ray,
+          RaycastScratch& scratch) {
   scratch.soft.seed(ray, tile.column + pixel % PixelTile::kSide, tile.row + pixel / PixelTile::kSide,
-                    static_cast<std::size_t>(&grid - request.pinhole->grids.data()), request.camera->ambient_occlusion_rays);
+                    static_cast<std::size_t>(&grid - request.optics->grids.data()), request.camera->ambient_occlusion_rays);
 }
 
 // Traces and shades one sample of each pixel of the tile.
-void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const PixelTile& tile, const CameraOutputs& wanted,
+void sample(const RenderRequest& request, const CameraOptics::Grid& grid, const PixelTile& tile, const CameraOutputs& wanted,
             RaycastScratch& scratch) {
   const std::size_t pixels = has_soft_light(request, wanted) ? tile.height * PixelTile::kSide : 0;
   for (std::size_t i = 0; i < pixels; ++i) seed(request, grid, tile, i, i, scratch);
@@ -192,7 +192,7 @@ void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const
          .frustum = &tile.frustum,
          .u = grid.columns.empty() ? nullptr : &grid.columns[tile.across],
          .v = grid.rows.empty() ? nullptr : &grid.rows[tile.down],
-         .is_rectangle = !request.pinhole->lens},
+         .is_rectangle = !request.optics->lens},
         wanted, scratch);
 }
 
@@ -218,7 +218,7 @@ void aim(const RenderRequest& request, const CameraPose& pose, RaycastScratch& s
                                 .rotation = pose.rotation,
                                 .near = camera.near_m,
                                 .range = camera.far_m,
-                                .longest = request.pinhole->corner,
+                                .longest = request.optics->corner,
                                 .sees_markers = true,
                                 .bodies = &bodies.shapes,
                                 .drones = &drones.shapes,
@@ -234,12 +234,12 @@ void average(const RenderRequest& request, const PixelTile& tile, RaycastScratch
   const CameraOutputs colors = colors_of(request.camera->outputs);
   const std::size_t pixels_of_tile = tile.height * PixelTile::kSide;
   for (auto& sums : scratch.sums) std::fill_n(sums, pixels_of_tile, std::uint16_t{0});
-  const auto all = std::span(request.pinhole->grids);
+  const auto all = std::span(request.optics->grids);
   const auto grids = all.size() > 1 ? all.subspan(1) : all;
   const int poses = request.camera->num_poses();
   for (int pose = 0; pose < poses; ++pose) {
     if (poses > 1) aim(request, request.exposure->at(*request.camera, tile.row, pose), scratch);
-    for (const PinholeCamera::Grid& grid : grids) {
+    for (const CameraOptics::Grid& grid : grids) {
       sample(request, grid, tile, colors, scratch);
       for (std::size_t c = 0; c < 3; ++c) {
         for (std::size_t i = 0; i < pixels_of_tile; ++i) {
@@ -258,7 +258,7 @@ void average(const RenderRequest& request, const PixelTile& tile, RaycastScratch
 
 // Row `row` of a channel of request.centres, which is padded to whole tiles.
 std::uint8_t* centres_of(const RenderRequest& request, std::size_t channel, std::size_t row) {
-  const std::vector<PixelTile>& tiles = request.pinhole->tiles;
+  const std::vector<PixelTile>& tiles = request.optics->tiles;
   const std::size_t width = tiles.back().column + PixelTile::kSide;
   return request.centres + channel * tiles.size() * TilePixels::kCount + row * width;
 }
@@ -280,7 +280,7 @@ void copy_centres(const RenderRequest& request, const PixelTile& tile, TilePixel
 std::span<const std::uint8_t> list_uneven(const RenderRequest& request, const PixelTile& tile,
                                           std::array<std::uint8_t, TilePixels::kCount>& list) {
   constexpr std::size_t kSide = PixelTile::kSide;
-  const PixelTile& corner = request.pinhole->tiles.back();
+  const PixelTile& corner = request.optics->tiles.back();
   const std::size_t left = tile.column == 0 ? 0 : 1, right = tile.column == corner.column ? 0 : 1;
   std::array<bool, TilePixels::kCount> uneven{};
   for (std::size_t c = 0; c < 3; ++c) {
@@ -315,10 +315,10 @@ std::span<const std::uint8_t> list_uneven(const RenderRequest& request, const Pi
 
 // Takes all samples of some pixels of a tile, kMaxRays in all at most, and writes their means to scratch.refined.
 void refine(const RenderRequest& request, const PixelTile& tile, std::span<const std::uint8_t> list, RaycastScratch& scratch) {
-  const auto grids = std::span(request.pinhole->grids).subspan(1);
+  const auto grids = std::span(request.optics->grids).subspan(1);
   std::size_t rays = 0;
   for (const std::size_t pixel : list) {
-    for (const PinholeCamera::Grid& grid : grids) {
+    for (const CameraOptics::Grid& grid : grids) {
       if (request.camera->has_soft_light()) seed(request, grid, tile, pixel, rays, scratch);
       scratch.ahead[rays] = grid.ahead.empty() ? 1.0F : grid.ahead[tile.across * TilePixels::kCount + pixel];
       scratch.left[rays] = grid.left[tile.across * TilePixels::kCount + pixel];
@@ -366,17 +366,17 @@ RaycastScratch::RaycastScratch() { std::fill(std::begin(ones), std::end(ones), 1
 
 void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch) {
   begin(request, scratch);
-  const PinholeCamera& pinhole = *request.pinhole;
+  const CameraOptics& optics = *request.optics;
   CameraOutputs wanted = request.camera->outputs;
   const int poses = request.camera->num_poses();
-  const bool samples = (pinhole.grids.size() > 1 || poses > 1) && request.centres == nullptr;
+  const bool samples = (optics.grids.size() > 1 || poses > 1) && request.centres == nullptr;
   if (samples) wanted.rgb = wanted.grey = false;
   const bool centre = wanted.any_color() || wanted.depth || wanted.semantic || wanted.instance || wanted.normal;
   for (std::size_t i = first; i < last; ++i) {
-    const PixelTile& tile = pinhole.tiles[i];
-    const bool is_new_row = i == first || tile.row != pinhole.tiles[i - 1].row;
+    const PixelTile& tile = optics.tiles[i];
+    const bool is_new_row = i == first || tile.row != optics.tiles[i - 1].row;
     if (request.exposure && is_new_row) aim(request, request.exposure->at(*request.camera, tile.row, poses - 1), scratch);
-    if (centre) sample(request, pinhole.grids[0], tile, wanted, scratch);
+    if (centre) sample(request, optics.grids[0], tile, wanted, scratch);
     if (request.centres != nullptr) copy_centres<false>(request, tile, scratch.pixels);
     if (samples && request.camera->outputs.any_color()) average(request, tile, scratch);
     write_tile(scratch.pixels, tile, *request.camera, request.frame);
@@ -385,11 +385,11 @@ void render_tiles(const RenderRequest& request, std::size_t first, std::size_t l
 
 void refine_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch) {
   begin(request, scratch);
-  const std::size_t most = trace::kMaxRays / (request.pinhole->grids.size() - 1);  // pixels at a time
+  const std::size_t most = trace::kMaxRays / (request.optics->grids.size() - 1);  // pixels at a time
   const RenderTargets colors{.rgb = request.frame.rgb, .grey = request.frame.grey};
   std::array<std::uint8_t, TilePixels::kCount> list;
   for (std::size_t i = first; i < last; ++i) {
-    const PixelTile& tile = request.pinhole->tiles[i];
+    const PixelTile& tile = request.optics->tiles[i];
     auto left = list_uneven(request, tile, list);
     if (left.empty()) continue;
     copy_centres<true>(request, tile, scratch.refined);

@@ -1,4 +1,4 @@
-// PinholeCamera: the ray directions of all pixels.
+// CameraOptics: the ray directions of all pixels.
 #pragma once
 
 #include <cstddef>
@@ -31,7 +31,7 @@ struct PixelTile {
 //
 // A lens bends the rays: each tile has columns and rows of its own. The directions of a fisheye, some of which may point
 // backwards, have length 1. Lengths along its rays are ranges.
-struct PinholeCamera {
+struct CameraOptics {
   float fx, fy, cx, cy;      // px
   std::optional<Lens> lens;  // none for a plain pinhole
   // Ray directions through one point of every pixel. grids[0] holds the pixel centres. If a pixel has several samples, one
@@ -47,6 +47,6 @@ struct PinholeCamera {
   float corner;                  // length of the longest direction
 };
 
-PinholeCamera make_pinhole_camera(const CameraConfig& camera);
+CameraOptics make_camera_optics(const CameraConfig& camera);
 
 }  // namespace flockstep::render
