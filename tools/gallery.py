@@ -42,6 +42,7 @@ HALF_PX = (560, 420)
 #: Errors of the picture of sensors: of a colour camera, a depth camera and a LiDAR, which sees SEEN_PX.
 COLORS = flockstep.ColorErrors(vignetting=1.0, shot_noise=0.04, read_noise=0.01)
 LENS = (-0.25, 0.06, 0.0, 0.0)
+MOTION: dict[str, Any] = {"rolling_shutter_s": 0.03, "exposure_s": 0.02, "blur_samples": 16}  # while it turns
 DEPTHS = flockstep.CameraConfig.preset("d435").depth_errors
 RANGES = flockstep.RangeErrors(noise_std_m=0.03, noise_per_m=0.01, dropout=0.1, divergence_mrad=3.0)
 SEEN_PX = (400, 300)
@@ -143,7 +144,7 @@ def drawn(points: Points, position: Points, look_at: Points, size_px: tuple[int,
 def sensed(world: flockstep.World, *, errs: bool) -> Image:
     """Return what a camera, a depth camera and a LiDAR in the lounge measure."""
     size: dict[str, Any] = {"width_px": SEEN_PX[0], "height_px": SEEN_PX[1], "hfov_deg": HFOV_DEG}
-    bent: dict[str, Any] = {"color_errors": COLORS, "distortion": LENS} if errs else {}
+    bent: dict[str, Any] = {"color_errors": COLORS, "distortion": LENS, **MOTION} if errs else {}
     camera = flockstep.CameraConfig(**size, samples_per_pixel=4, shadows=True, far_m=50.0, **bent)
     deep = flockstep.CameraConfig(**size, outputs=("depth",), far_m=10.0, **{"depth_errors": DEPTHS} if errs else {})
     lidar = flockstep.LidarConfig(channels=64, beams=720, hfov_deg=180.0, vfov_deg=70.0, max_range_m=12.0)
@@ -152,12 +153,14 @@ def sensed(world: flockstep.World, *, errs: bool) -> Image:
     depth = flockstep.render(world, LOUNGE[0], look_at=LOUNGE[1], camera=deep)["depth"]
     near = np.where((depth > 0) & np.isfinite(depth), 1 / np.maximum(depth, 0.5), 0)
     shades = 255 * matplotlib.colormaps["turbo"](near)[..., :3] * (near > 0)[..., None]
-    batch = flockstep.Batch([world], lidar=lidar)
-    batch.set_pose(LOUNGE[0][None], facing(*LOUNGE)[None])
+    batch = flockstep.Batch([world], lidar=lidar, cameras=[camera])
+    batch.set_pose(LOUNGE[0][None], facing(LOUNGE[0], LOUNGE[1] + np.float32([0.8, -0.6, 0]))[None])
+    batch.sense()
+    batch.move(LOUNGE[0][None], facing(*LOUNGE)[None])
     batch.sense()
     points = batch.lidar().points.reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
-    seen = flockstep.render(world, LOUNGE[0], look_at=LOUNGE[1], camera=camera)["rgb"]
+    seen = batch.camera().rgb[0]
     above_it = LOUNGE[0] + np.float32([-1.5, -1.5, 3.0])
     return np.concatenate([seen, shades.astype(np.uint8), drawn(points, above_it, LOUNGE[1], SEEN_PX)], axis=1)
 

@@ -144,7 +144,15 @@ void BatchConfig::validate() const {
       require(camera.projection == Projection::pinhole, "projection", "\"pinhole\" with camera_backend=\"gl\"", "\"fisheye\"");
       require(!camera.has_lens(), "distortion", "none with camera_backend=\"gl\"",
               std::to_string(camera.distortion.size()) + " coefficients");
+      require(camera.rolling_shutter_s == 0.0F, "rolling_shutter_s", "0 with camera_backend=\"gl\"", camera.rolling_shutter_s);
+      require(camera.exposure_s == 0.0F, "exposure_s", "0 with camera_backend=\"gl\"", camera.exposure_s);
     }
+    const double between_s =
+        std::max(episode.frame_skip * clock.step_s(), camera.rate_hz ? 1.0 / static_cast<double>(*camera.rate_hz) : 0.0);
+    const double takes_s = static_cast<double>(camera.rolling_shutter_s) + static_cast<double>(camera.exposure_s);
+    require(camera.capture_mode == CaptureMode::on_demand || takes_s <= between_s * (1 + 1e-6),
+            "camera.rolling_shutter_s + exposure_s", "at most the time between images, " + std::to_string(between_s) + " s",
+            takes_s);
     const long long pixels = static_cast<long long>(num_drones()) * camera.width_px * camera.height_px;
     require(pixels <= (1LL << 32), "num_drones x camera pixels", "at most 4294967296 pixels", pixels);
   }

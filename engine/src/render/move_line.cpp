@@ -30,7 +30,7 @@ LinePainter::LinePainter(const RenderRequest& view, int width_px, int height_px,
                                       .rotation = view.rotation,
                                       .near = view.camera->near_m,
                                       .range = view.camera->far_m,
-                                      .longest = 2.0F * view.pinhole->corner,  // rays may pass beside the image
+                                      .longest = 2.0F * view.optics->corner,  // rays may pass beside the image
                                       .sees_markers = true,
                                       .bodies = &view.bodies.shapes,
                                       .drones = &view.drones.shapes,
@@ -38,23 +38,23 @@ LinePainter::LinePainter(const RenderRequest& view, int width_px, int height_px,
 }
 
 LinePainter::Point LinePainter::project(const Vec3d& local) const {
-  const PinholeCamera& pinhole = *view_.pinhole;
+  const CameraOptics& optics = *view_.optics;
   const double left = local.y() / local.x(), up = local.z() / local.x();
   return {Vec3d(1.0, left, up), 1.0 / local.x(),
-          (static_cast<double>(pinhole.cx) - left * static_cast<double>(pinhole.fx)) * scale_x_,
-          (static_cast<double>(pinhole.cy) - up * static_cast<double>(pinhole.fy)) * scale_y_};
+          (static_cast<double>(optics.cx) - left * static_cast<double>(optics.fx)) * scale_x_,
+          (static_cast<double>(optics.cy) - up * static_cast<double>(optics.fy)) * scale_y_};
 }
 
 std::optional<LinePainter::Point> LinePainter::project_by_lens(const Vec3d& local) const {
-  const PinholeCamera& pinhole = *view_.pinhole;
-  const double depth = pinhole.lens->is_fisheye() ? local.norm() : local.x();
+  const CameraOptics& optics = *view_.optics;
+  const double depth = optics.lens->is_fisheye() ? local.norm() : local.x();
   if (depth < static_cast<double>(view_.camera->near_m) || depth > static_cast<double>(view_.camera->far_m)) return std::nullopt;
-  const auto ideal = pinhole.lens->ideal_of(local);
+  const auto ideal = optics.lens->ideal_of(local);
   if (!ideal) return std::nullopt;
-  const Lens::Point image = pinhole.lens->to_image(*ideal);
+  const Lens::Point image = optics.lens->to_image(*ideal);
   return Point{local / depth, 1.0 / depth,
-               (static_cast<double>(pinhole.cx) + image.x() * static_cast<double>(pinhole.fx)) * scale_x_,
-               (static_cast<double>(pinhole.cy) + image.y() * static_cast<double>(pinhole.fy)) * scale_y_};
+               (static_cast<double>(optics.cx) + image.x() * static_cast<double>(optics.fx)) * scale_x_,
+               (static_cast<double>(optics.cy) + image.y() * static_cast<double>(optics.fy)) * scale_y_};
 }
 
 void LinePainter::add_bent(const Vec3d& a, const Vec3d& b, int halvings) {
@@ -80,7 +80,7 @@ void LinePainter::add(std::span<const Vec3> points) {
   for (std::size_t i = 1; i < points.size(); ++i) {
     if (!points[i - 1].allFinite() || !points[i].allFinite()) continue;
     const Vec3d from = to_camera(points[i - 1]), way = to_camera(points[i]) - from;
-    if (view_.pinhole->lens) {
+    if (view_.optics->lens) {
       add_bent(from, from + way, kHalvings);
       continue;
     }
@@ -161,7 +161,7 @@ void LinePainter::trace() {
   const auto [left_min, left_max] = std::minmax_element(left_, left_ + num_pending_);
   const auto [up_min, up_max] = std::minmax_element(up_, up_ + num_pending_);
   const auto pending = [&](const float* values) { return std::span(values, num_pending_); };
-  const bool fisheye = view_.pinhole->lens && view_.pinhole->lens->is_fisheye();
+  const bool fisheye = view_.optics->lens && view_.optics->lens->is_fisheye();
   const trace::Frustum frustum = fisheye ? trace::make_frustum(pending(ahead_), pending(left_), pending(up_))
                                          : trace::make_pyramid(*left_min, *left_max, *up_min, *up_max);
   std::fill(ahead_ + num_pending_, std::end(ahead_), ahead_[0]);

@@ -2,12 +2,14 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "flockstep/config.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 #include "render/appearance.hpp"
-#include "render/pinhole_camera.hpp"
+#include "render/camera_optics.hpp"
+#include "render/exposure.hpp"
 #include "trace/tracer.hpp"
 
 namespace flockstep::trace {
@@ -38,14 +40,15 @@ struct RenderRequest {
   const trace::Scene* scene;  // scene of that world, for raycast
   const Shading* shading;     // colours of that world, for raycast
   const CameraConfig* camera;
-  const PinholeCamera* pinhole;  // optics of that camera, with this drone's field of view
-  Vec3 position;                 // m, world frame
-  Mat3 rotation;                 // camera to world
+  const CameraOptics* optics;  // optics of that camera, with this drone's field of view
+  Vec3 position;               // m, world frame
+  Mat3 rotation;               // camera to world
   RenderTargets frame;
   std::uint8_t* centres = nullptr;  // adaptive cameras: planes of r, g, b at the pixels' centres, padded to whole tiles
   trace::TracePolicy policy{};
-  VisibleBodies bodies{};  // bodies of the env; their arrays must outlive the rendering
-  VisibleBodies drones{};  // the same for the drones that the camera sees
+  VisibleBodies bodies{};              // bodies of the env; their arrays must outlive the rendering
+  VisibleBodies drones{};              // the same for the drones that the camera sees
+  std::optional<Exposure> exposure{};  // of a camera that takes_time(); it ends at the position and rotation above
 };
 
 }  // namespace flockstep::render

@@ -36,14 +36,15 @@ trace::EmbreeUse Renderer::embree_use() const {
 // Requests of one camera are adjacent and have the same tiles.
 void Renderer::raycast(std::span<const RenderRequest> requests, Workers& workers) {
   while (!requests.empty()) {
-    const std::size_t tiles = requests[0].pinhole->tiles.size();
+    const std::size_t tiles = requests[0].optics->tiles.size();
     const auto other = std::find_if(requests.begin(), requests.end(),
                                     [&](const RenderRequest& request) { return request.camera != requests[0].camera; });
     const auto count = static_cast<std::size_t>(other - requests.begin());
     const std::size_t jobs = (tiles + kTilesPerJob - 1) / kTilesPerJob;
     const std::size_t colors = 3 * tiles * TilePixels::kCount;
     const auto& camera = *requests[0].camera;
-    const bool adaptive = camera.adaptive_samples && camera.samples_per_pixel > 1 && camera.outputs.any_color();
+    const bool adaptive =
+        camera.adaptive_samples && camera.samples_per_pixel > 1 && camera.outputs.any_color() && !camera.takes_time();
     if (adaptive && centres_.size() < count * colors) centres_.resize(count * colors);
     const auto for_all_tiles = [&](const auto& render) {
       workers.run(count * jobs, [&](std::size_t job, std::size_t thread) {

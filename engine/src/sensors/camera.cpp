@@ -18,7 +18,6 @@
 #include "prepared/prepared_world.hpp"
 #include "render/lens.hpp"
 #include "sensors/presets.hpp"
-#include "trace/ray_block.hpp"
 
 namespace flockstep {
 namespace {
@@ -83,6 +82,8 @@ void CameraConfig::validate() const {
   }
   require_lens(*this);
   require(far_m > near_m, "camera.far_m", "a number > near_m (" + std::to_string(near_m) + ")", far_m);
+  require(samples_per_pixel * num_poses() <= kMaxColorSamples, "camera.blur_samples",
+          "at most 256 / samples_per_pixel (" + std::to_string(kMaxColorSamples / samples_per_pixel) + ")", blur_samples);
   require(shadows || sun_size_deg == 0.0F, "camera.sun_size_deg", "0 without shadows", sun_size_deg);
   bool any = false;
   for_each_field(outputs, [&](const auto&, bool chosen) { any = any || chosen; });
@@ -191,15 +192,18 @@ Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t
       drones_per_env_(drones_per_env),
       pixels_(area(config.image_width_px(), config.image_height_px())),
       rendered_pixels_(area(config.width_px, config.height_px)),
-      settings_(config, num_drones, false, &render::make_pinhole_camera),
+      settings_(config, num_drones, false, &render::make_camera_optics),
       mounting_(num_drones, matrix_of(config.quat_wxyz)),
+      motion_(config.takes_time() ? num_drones : 0),
+      ticks_hz_(static_cast<float>(clock.ticks_hz())),
       delay_(config, label(), 0, clock, drones_per_env, num_drones),  // frames are taken after steps, whatever the rate
       has_depth_errors_(config.depth_errors != DepthErrors()),
       has_color_errors_(config.color_errors != ColorErrors()),
       errors_(stream_named("errors of " + label())),
       blotch_threshold_(blotch_threshold(config.depth_errors.blotches)),
       color_levels_(has_color_errors_ ? make_levels(config.color_errors) : std::vector<std::uint8_t>()) {
-  if (config.projection == Projection::fisheye) policy_.tile_triangle_limit = 0;  // tiles have rays ahead only
+  // Triangles are traced in tiles of 16 x 16 rays ahead only.
+  if (config.projection == Projection::fisheye || config.rolling_shutter_s > 0.0F) policy_.tile_triangle_limit = 0;
   flockstep::allocate(taken_, {.num_drones = num_drones});
   allocate_images(images_, config.outputs, num_drones, pixels_);
   if (config.resize) {
@@ -271,10 +275,11 @@ bool Camera::is_due(DroneIndex drone, const State& state, std::uint64_t seen) co
 
 std::optional<render::RenderRequest> Camera::take(DroneIndex drone, const World& world, const State& state, std::uint64_t seen) {
   const std::size_t env = drone / drones_per_env_;
+  const Pose pose = pose_of(state, drone);
   taken_.tick[drone] = state.tick[env];
+  if (config_.takes_time()) motion_.add(drone, pose, state.tick[env]);
   if (is_late() && !delay_.add(state, drone)) return std::nullopt;
   if (events_) events_->take(drone, state);
-  const Pose pose = pose_of(state, drone);
   store_pose(&taken_.position[3 * drone], &taken_.quat_wxyz[4 * drone], pose);
   taken_.world[drone] = state.world_index[env];
   if (bodies_per_env_ > 0) taken_.bodies[drone] = state.bodies.changes[env];
@@ -302,21 +307,22 @@ render::RenderRequest Camera::retake(DroneIndex drone, const World& world) {
 }
 
 render::RenderRequest Camera::request(DroneIndex drone, const World& world, const Pose& pose) {
-  const Mat3 body = pose.rotation.toRotationMatrix();
-  Mat3 rotation;
-  for (int axis = 0; axis < 3; ++axis) rotation.col(axis) = trace::rotated(body, mounting_[drone].col(axis));
+  const render::Mount mount{Vec3::Map(settings_[drone].offset_m.data()), mounting_[drone]};
+  const auto [position, rotation] = mount.on(pose);
   render::RenderRequest request{.world = &world,
                                 .scene = &prepared(world).scene(),
                                 .shading = &prepared(world).shading(config_.shadows),
                                 .camera = &rendering_,
-                                .pinhole = &settings_.optics(drone),
-                                .position = pose.position + trace::rotated(body, Vec3::Map(settings_[drone].offset_m.data())),
+                                .optics = &settings_.optics(drone),
+                                .position = position,
                                 .rotation = rotation,
                                 .frame = {},
                                 .policy = policy_,
                                 .bodies = bodies_.of_env(drone / drones_per_env_, bodies_per_env_),
                                 .drones = drones_.seen_by(drone, drones_per_env_)};
   request.frame = targets(drone);
+  if (config_.takes_time())
+    request.exposure = render::Exposure{motion_.path_of(drone, pose, taken_.tick[drone]), mount, ticks_hz_};
   return request;
 }
 
@@ -339,7 +345,7 @@ render::RenderTargets Camera::targets(DroneIndex drone) {
 // Errors are added in place: nothing reads the exact images, so that they need no memory of their own.
 void Camera::add_errors(DroneIndex drone, const State& state, ConversionScratch& scratch) {
   const render::RenderTargets frame = targets(drone);
-  const render::PinholeCamera& pinhole = settings_.optics(drone);
+  const render::CameraOptics& optics = settings_.optics(drone);
   const auto reading = static_cast<std::uint32_t>(written().frame_step[row_of(drone)]);
   const auto first = static_cast<std::uint32_t>(4 * rendered_pixels_) * reading;  // more draws than any of the errors uses
   const auto draw = [&](std::uint32_t number) {
@@ -348,13 +354,13 @@ void Camera::add_errors(DroneIndex drone, const State& state, ConversionScratch&
   const auto width = static_cast<std::size_t>(config_.width_px), height = static_cast<std::size_t>(config_.height_px);
   if (has_depth_errors_) {
     add_depth_errors(config_.depth_errors, blotch_threshold_,
-                     {.depths = {frame.depth, rendered_pixels_}, .width = width, .fx = pinhole.fx, .far_m = config_.far_m},
+                     {.depths = {frame.depth, rendered_pixels_}, .width = width, .fx = optics.fx, .far_m = config_.far_m},
                      draw(0), draw(1), scratch.depth_errors);
   }
   if (!has_color_errors_) return;
   const auto add = [&](std::uint8_t* values, std::size_t planes, std::size_t channels, std::uint32_t number) {
     if (values == nullptr) return;
-    add_color_errors(config_.color_errors, color_levels_, pinhole,
+    add_color_errors(config_.color_errors, color_levels_, optics,
                      {.values = values, .width = width, .height = height, .planes = planes, .channels = channels}, draw(number),
                      scratch.color_errors);
   };
@@ -418,6 +424,7 @@ void Camera::visit(ArrayVisitor& visitor) {
   if (is_late()) rings_.visit(visitor);
   delay_.visit(visitor);
   if (events_) events_->visit(visitor);
+  if (config_.takes_time()) motion_.visit(visitor);
   if (keeps_images()) visit_images(visitor);
 }
 
@@ -434,6 +441,7 @@ void Camera::restored() {
 void Camera::check() const {
   delay_.check();
   if (events_) events_->check();
+  motion_.check();
   check_values(std::span<const float>(images_.age_s), "snapshot: frame_age_s", Values::finite);
   for (std::size_t i = 0; i < settings_.size(); ++i) {
     const DroneIndex drone(i);

@@ -24,6 +24,7 @@
 #include "sensors/depth_errors.hpp"
 #include "sensors/drone_settings.hpp"
 #include "sensors/events.hpp"
+#include "sensors/scan_motion.hpp"
 #include "sensors/sensor.hpp"
 
 namespace flockstep::sensors {
@@ -72,6 +73,7 @@ class Camera final : public Sensor {
     images_.age_s[drone] = 0.0F;
     delay_.forget(drone);
     if (events_) events_->forget(drone);
+    if (config_.takes_time()) motion_.forget(drone);
   }
   void use_default_settings(DroneIndex drone) override { set_config(drone, config_); }
   // Clears the images of a removed drone: black, depth inf, ids 0.
@@ -143,11 +145,13 @@ class Camera final : public Sensor {
   CameraConfig rendering_;  // configuration of the renderer: no resize, rgb instead of hsv, grey instead of events
   trace::TracePolicy policy_;
   std::size_t drones_per_env_;
-  std::size_t pixels_;                                           // pixels of a written image
-  std::size_t rendered_pixels_;                                  // pixels of a rendered frame
-  DroneSettings<CameraConfig, render::PinholeCamera> settings_;  // render requests point to the optics
-  std::vector<Mat3> mounting_;                                   // (N,) rotations, camera to body
+  std::size_t pixels_;                                          // pixels of a written image
+  std::size_t rendered_pixels_;                                 // pixels of a rendered frame
+  DroneSettings<CameraConfig, render::CameraOptics> settings_;  // render requests point to the optics
+  std::vector<Mat3> mounting_;                                  // (N,) rotations, camera to body
   Taken taken_;
+  ScanMotion motion_;  // of no drones unless images take time
+  float ticks_hz_;
   std::vector<CaptureMode> mode_;  // (1,) mode in the last snapshot, until restored()
   CameraImages images_;
   Delay delay_;

@@ -41,8 +41,7 @@ void write_colors(const ColorErrors& errors, const std::vector<std::uint8_t>& le
 }
 
 void disturb_colors(const ColorErrors& errors, float exposure, const std::vector<std::uint8_t>& levels,
-                    const render::PinholeCamera& camera, const ColorImage& image, const PhiloxInput& draw,
-                    ColorScratch& scratch) {
+                    const render::CameraOptics& camera, const ColorImage& image, const PhiloxInput& draw, ColorScratch& scratch) {
   const std::array<float, 256>& linear = srgb_to_linear();
   const bool has_noise = errors.shot_noise > 0.0F || errors.read_noise > 0.0F;
   const std::size_t count = image.width * image.channels;  // values of a row of a plane
@@ -84,7 +83,7 @@ std::vector<std::uint8_t> make_levels(const ColorErrors& errors) {
 
 HWY_EXPORT(disturb_colors);
 
-void add_color_errors(const ColorErrors& errors, const std::vector<std::uint8_t>& levels, const render::PinholeCamera& camera,
+void add_color_errors(const ColorErrors& errors, const std::vector<std::uint8_t>& levels, const render::CameraOptics& camera,
                       const ColorImage& image, const PhiloxInput& draw, ColorScratch& scratch) {
   constexpr std::size_t kPadding = 16;  // at least a vector
   scratch.light.resize(image.width * image.channels + kPadding);

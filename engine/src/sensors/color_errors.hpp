@@ -8,7 +8,7 @@
 #include "base/random.hpp"
 #include "flockstep/sensors/camera.hpp"
 #include "flockstep/sensors/color_errors.hpp"
-#include "render/pinhole_camera.hpp"
+#include "render/camera_optics.hpp"
 
 namespace flockstep::sensors {
 
@@ -29,7 +29,7 @@ struct ColorScratch {
 std::vector<std::uint8_t> make_levels(const ColorErrors& errors);
 
 // levels: make_levels(errors). Each row of each plane uses a quarter as many draws as it has values, rounded up, from `draw` on.
-void add_color_errors(const ColorErrors& errors, const std::vector<std::uint8_t>& levels, const render::PinholeCamera& camera,
+void add_color_errors(const ColorErrors& errors, const std::vector<std::uint8_t>& levels, const render::CameraOptics& camera,
                       const ColorImage& image, const PhiloxInput& draw, ColorScratch& scratch);
 
 }  // namespace flockstep::sensors

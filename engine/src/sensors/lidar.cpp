@@ -274,7 +274,7 @@ void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surr
 }
 
 // The last column is traced at the reading.
-Pose Lidar::pose_at(const ScanPath& path, std::size_t column) const {
+Pose Lidar::pose_at(const PosePath& path, std::size_t column) const {
   const auto columns = static_cast<float>(config_.columns());
   return path.before(scan_ticks_ * (1.0F - static_cast<float>(column + 1) / columns));
 }
@@ -296,7 +296,7 @@ void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& s
   const bool needs_cosines = config_.outputs.intensity || errors.need_surfaces();
   const float max_incidence = errors.max_incidence_deg * (std::numbers::pi_v<float> / 180.0F);  // rad
   const float min_cosine = errors.max_incidence_deg < 90.0F ? std::cos(max_incidence) : 0.0F;
-  const ScanPath path = path_of(drone, state);
+  const PosePath path = path_of(drone, state);
   const BeamPattern& beams = settings_.optics(drone).beams;
   alignas(64) trace::RayFloats cosines;
   BeamRun run{};
@@ -380,7 +380,7 @@ void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const Stat
                                          .drones = &targets.drones,
                                          .policy = policy_});
   };
-  const ScanPath path = path_of(drone, state);
+  const PosePath path = path_of(drone, state);
   if (!is_rolling()) aim(path.to);
   const auto trace_pattern = [&](const BeamPattern& pattern, std::span<float> ranges, std::span<trace::RayHit> hits) {
     for (const BeamTile& tile : pattern.tiles) {

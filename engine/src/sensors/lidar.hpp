@@ -84,12 +84,12 @@ class Lidar final : public SensorOf<LidarReadings> {
   std::int64_t tick_of(DroneIndex drone, const State& state) const {
     return state.tick[RandomKey::of(drone, drones_per_env_).env];
   }
-  ScanPath path_of(DroneIndex drone, const State& state) const {
+  PosePath path_of(DroneIndex drone, const State& state) const {
     const Pose now = pose_of(state, drone);
-    return is_rolling() ? motion_.path_of(drone, now, tick_of(drone, state)) : ScanPath{now, now};
+    return is_rolling() ? motion_.path_of(drone, now, tick_of(drone, state)) : PosePath{now, now};
   }
   // Returns the drone's pose when a column of beams is traced.
-  Pose pose_at(const ScanPath& path, std::size_t column) const;
+  Pose pose_at(const PosePath& path, std::size_t column) const;
   Scan scan_of(DroneIndex drone) {
     const auto row = [&](auto& values) {
       return values.empty() ? std::span(values) : std::span(values).subspan(drone * rays_, rays_);

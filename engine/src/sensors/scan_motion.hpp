@@ -1,7 +1,6 @@
-// ScanMotion: how drones moved during scans that take time.
+// ScanMotion: how drones moved during scans and images that take time.
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -11,6 +10,7 @@
 
 #include "base/in_world.hpp"
 #include "base/pose_access.hpp"
+#include "base/pose_path.hpp"
 #include "base/require.hpp"
 #include "flockstep/array_visitor.hpp"
 #include "flockstep/index.hpp"
@@ -18,33 +18,20 @@
 
 namespace flockstep::sensors {
 
-// Motion of one drone between two readings, at constant velocities.
-struct ScanPath {
-  Pose from, to;           // at the reading before and at this one
-  std::int64_t ticks = 0;  // between them; 0: the drone has not moved
-
-  // Returns the pose `age` ticks before this reading, and not before `from`.
-  Pose before(float age) const {
-    if (ticks == 0 || age == 0.0F) return to;
-    const float share = std::min(age / static_cast<float>(ticks), 1.0F);
-    return {to.position + share * (from.position - to.position), to.rotation.slerp(share, from.rotation)};
-  }
-};
-
 class ScanMotion {
  public:
   explicit ScanMotion(std::size_t num_drones)
       : from_(num_drones), to_(num_drones), from_tick_(num_drones), tick_(num_drones, -1) {}
 
   // Returns the motion up to a reading now. A drone that has been placed since the reading before has not moved.
-  ScanPath path_of(DroneIndex drone, const Pose& now, std::int64_t tick) const {
+  PosePath path_of(DroneIndex drone, const Pose& now, std::int64_t tick) const {
     if (tick_[drone] < 0 || tick_[drone] > tick) return {now, now};
     if (tick_[drone] < tick) return {pose(to_[drone]), now, tick - tick_[drone]};
     if (values(now) != to_[drone]) return {now, now};
     return {pose(from_[drone]), now, tick - from_tick_[drone]};  // a second reading
   }
   void add(DroneIndex drone, const Pose& now, std::int64_t tick) {
-    const ScanPath path = path_of(drone, now, tick);
+    const PosePath path = path_of(drone, now, tick);
     from_[drone] = values(path.from);
     to_[drone] = values(now);
     from_tick_[drone] = tick - path.ticks;

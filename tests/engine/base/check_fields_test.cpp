@@ -131,10 +131,10 @@ int count_refused(const std::string& prefix) {
 
 TEST(CheckFields, IsCalledByEachConfiguration) {
   EXPECT_EQ(count_refused<LidarConfig>("lidar."), 26);
-  EXPECT_EQ(count_refused<CameraConfig>("camera."), 26);
+  EXPECT_EQ(count_refused<CameraConfig>("camera."), 32);
   EXPECT_EQ(count_refused<DepthErrors>("camera.depth_errors."), 21);
   EXPECT_EQ(count_refused<ColorErrors>("camera.color_errors."), 12);
-  EXPECT_EQ(count_refused<CameraConfig>("camera."), 26);
+  EXPECT_EQ(count_refused<CameraConfig>("camera."), 32);
   EXPECT_EQ(count_refused<EventPixels>("camera.event_pixels."), 10);
   EXPECT_EQ(count_refused<ColorRange>("color."), 4);
   EXPECT_EQ(count_refused<PoseSensorConfig>("pose_sensor."), 19);

@@ -221,18 +221,18 @@ TEST(KernelBits, Pictures) {
                                 .depth_kind = i % 2 == 0 ? DepthKind::planar : DepthKind::range,
                                 .samples_per_pixel = i % 4 == 1 ? 4 : 1,
                                 .shadows = i % 4 >= 2};
-      const render::PinholeCamera pinhole = render::make_pinhole_camera(camera);
+      const render::CameraOptics optics = render::make_camera_optics(camera);
       const Vec3 place = exact.point(2.0F);
       const render::RenderRequest request{
           &world,
           &prepared(world).scene(),
           &prepared(world).shading(camera.shadows),
           &camera,
-          &pinhole,
+          &optics,
           place,
           exact.rotation().toRotationMatrix(),
           {rgb.data(), depth.data(), semantic.data(), instance.data(), normal.data(), grey.data()}};
-      render::render_tiles(request, 0, pinhole.tiles.size(), *scratch);
+      render::render_tiles(request, 0, optics.tiles.size(), *scratch);
       for (const std::uint8_t value : rgb) digest.add(std::uint64_t{value});
       for (const float value : depth) digest.add(value);
       for (const std::uint16_t value : semantic) digest.add(std::uint64_t{value});

@@ -10,8 +10,8 @@
 #include "flockstep/body.hpp"
 #include "prepared/prepared_world.hpp"
 #include "render/appearance.hpp"
+#include "render/camera_optics.hpp"
 #include "render/move_line.hpp"
-#include "render/pinhole_camera.hpp"
 #include "render/renderer.hpp"
 #include "trace/tracer.hpp"
 #include "world/scene_description.hpp"
@@ -135,12 +135,12 @@ std::vector<SceneDescription> sceneries(Random& random) {
 
 struct Shot {
   CameraConfig camera;
-  PinholeCamera pinhole;
+  CameraOptics optics;
   std::vector<std::uint8_t> rgb, grey;
   std::vector<float> depth, normal;
   std::vector<std::uint16_t> semantic, instance;
 
-  explicit Shot(const CameraConfig& config) : camera(config), pinhole(make_pinhole_camera(config)) {
+  explicit Shot(const CameraConfig& config) : camera(config), optics(make_camera_optics(config)) {
     const std::size_t pixels = static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px);
     rgb.resize(3 * pixels);
     grey.resize(pixels);
@@ -155,7 +155,7 @@ struct Shot {
             .scene = &prepared(world).scene(),
             .shading = &prepared(world).shading(camera.shadows),
             .camera = &camera,
-            .pinhole = &pinhole,
+            .optics = &optics,
             .position = position,
             .rotation = rotation,
             .frame = {rgb.data(), depth.data(), semantic.data(), instance.data(), normal.data(), grey.data()},
@@ -413,7 +413,7 @@ Differences between_backends(Random& random, Renderer& raycast, Renderer& gl, Wo
     for (auto* const shots : {&ours, &theirs}) {
       RenderRequest request = (*shots)[i].request(world, position, rotation, crowds[env % crowds.size()].view());
       request.camera = &(*shots)[0].camera;
-      request.pinhole = &(*shots)[0].pinhole;
+      request.optics = &(*shots)[0].optics;
       (shots == &ours ? of_raycast : of_gl).push_back(request);
     }
   }

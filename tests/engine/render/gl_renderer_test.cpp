@@ -91,18 +91,18 @@ Pose looking(const Vec3& from, const Vec3& to) {
 // Requests and their rendered images.
 struct Album {
   CameraConfig camera;
-  PinholeCamera pinhole;
+  CameraOptics optics;
   std::vector<RenderRequest> requests;
   CameraImages images;
   Workers workers{2};
 
-  explicit Album(const CameraConfig& config) : camera(config), pinhole(make_pinhole_camera(config)) {}
+  explicit Album(const CameraConfig& config) : camera(config), optics(make_camera_optics(config)) {}
   Album(const Album&) = delete;
   Album& operator=(const Album&) = delete;
 
   void add(const World& world, const Pose& pose = {}) {
     requests.push_back(
-        {&world, &prepared(world).scene(), &prepared(world).shading(), &camera, &pinhole, pose.position, pose.rotation, {}});
+        {&world, &prepared(world).scene(), &prepared(world).shading(), &camera, &optics, pose.position, pose.rotation, {}});
   }
   std::size_t pixels() const { return static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px); }
 

@@ -1,7 +1,7 @@
 #include "render/lens.hpp"
 
 #include "flockstep/config.hpp"
-#include "render/pinhole_camera.hpp"
+#include "render/camera_optics.hpp"
 #include "standard.hpp"
 
 namespace flockstep::render {
@@ -30,18 +30,18 @@ std::vector<CameraConfig> bent_cameras() {
 
 TEST(LensCamera, EveryPixelLooksWhereTheLensShowsIt) {
   for (const CameraConfig& camera : bent_cameras()) {
-    const PinholeCamera pinhole = make_pinhole_camera(camera);
-    ASSERT_TRUE(pinhole.lens && pinhole.lens->shows_every_pixel());
-    for (const PixelTile& tile : pinhole.tiles) {
-      const PinholeCamera::Grid& grid = pinhole.grids[0];
+    const CameraOptics optics = make_camera_optics(camera);
+    ASSERT_TRUE(optics.lens && optics.lens->shows_every_pixel());
+    for (const PixelTile& tile : optics.tiles) {
+      const CameraOptics::Grid& grid = optics.grids[0];
       for (std::size_t ray = 0; ray < PixelTile::kSide * tile.height; ++ray) {
         if (ray % PixelTile::kSide >= tile.width) continue;
         const std::size_t at = tile.across * PixelTile::kSide * PixelTile::kSide + ray;
         const Lens::Vec3d direction(grid.ahead.empty() ? 1.0 : static_cast<double>(grid.ahead[at]),
                                     static_cast<double>(grid.left[at]), static_cast<double>(grid.up[at]));
-        const auto ideal = pinhole.lens->ideal_of(direction);
+        const auto ideal = optics.lens->ideal_of(direction);
         ASSERT_TRUE(ideal);
-        const Lens::Point image = pinhole.lens->to_image(*ideal);
+        const Lens::Point image = optics.lens->to_image(*ideal);
         ASSERT_NEAR(0.5 * camera.width_px + image.x() * static_cast<double>(camera.fx()),
                     static_cast<double>(tile.column + ray % PixelTile::kSide) + 0.5, 1e-4);
         ASSERT_NEAR(0.5 * camera.height_px + image.y() * static_cast<double>(camera.fy()),
@@ -54,13 +54,13 @@ TEST(LensCamera, EveryPixelLooksWhereTheLensShowsIt) {
 // Includes all samples, and the rays that only pad the last tiles.
 TEST(LensCamera, FrustaHoldAllRaysOfTheirTile) {
   for (const CameraConfig& camera : bent_cameras()) {
-    const PinholeCamera pinhole = make_pinhole_camera(camera);
-    for (const PixelTile& tile : pinhole.tiles) {
-      for (const PinholeCamera::Grid& grid : pinhole.grids) {
+    const CameraOptics optics = make_camera_optics(camera);
+    for (const PixelTile& tile : optics.tiles) {
+      for (const CameraOptics::Grid& grid : optics.grids) {
         for (std::size_t ray = 0; ray < PixelTile::kSide * PixelTile::kSide; ++ray) {
           const std::size_t at = tile.across * PixelTile::kSide * PixelTile::kSide + ray;
           const Vec3 direction(grid.ahead.empty() ? 1.0F : grid.ahead[at], grid.left[at], grid.up[at]);
-          ASSERT_LE(direction.norm(), pinhole.corner * (1.0F + 1e-6F));
+          ASSERT_LE(direction.norm(), optics.corner * (1.0F + 1e-6F));
           for (std::size_t plane = 0; plane < trace::Frustum::kPlanes; ++plane) {
             const Vec3 normal(tile.frustum.x[plane], tile.frustum.y[plane], tile.frustum.z[plane]);
             ASSERT_LE(normal.dot(direction), tile.frustum.reach[plane] + 1e-6F) << "plane " << plane << ", ray " << ray;
@@ -73,11 +73,11 @@ TEST(LensCamera, FrustaHoldAllRaysOfTheirTile) {
 
 // The density of pixels selects the mip level of textures.
 TEST(LensCamera, PixelsCoverPartsOfTheSphere) {
-  const PinholeCamera pinhole =
-      make_pinhole_camera({.width_px = 640, .height_px = 16, .hfov_deg = 120.0F, .projection = Projection::fisheye});
-  for (const PixelTile& tile : pinhole.tiles) {
-    const double angle = std::abs(static_cast<double>(tile.column) + 8.0 - 320.0) / static_cast<double>(pinhole.fx);
-    const double per_area = static_cast<double>(pinhole.fx * pinhole.fx) * angle / std::sin(angle);  // r dr / (sin a da)
+  const CameraOptics optics =
+      make_camera_optics({.width_px = 640, .height_px = 16, .hfov_deg = 120.0F, .projection = Projection::fisheye});
+  for (const PixelTile& tile : optics.tiles) {
+    const double angle = std::abs(static_cast<double>(tile.column) + 8.0 - 320.0) / static_cast<double>(optics.fx);
+    const double per_area = static_cast<double>(optics.fx * optics.fx) * angle / std::sin(angle);  // r dr / (sin a da)
     ASSERT_NEAR(static_cast<double>(tile.density), per_area, 1e-3 * per_area);
   }
 }

@@ -18,7 +18,7 @@ struct PlaygroundAlbum {
 
   std::shared_ptr<const World> world = playground("camera-train-1");
   CameraConfig camera{.width_px = 32, .height_px = 24};
-  PinholeCamera pinhole = make_pinhole_camera(camera);
+  CameraOptics optics = make_camera_optics(camera);
   std::vector<std::uint8_t> rgb = std::vector<std::uint8_t>(4 * kBytes);
   std::vector<RenderRequest> requests;
 
@@ -29,7 +29,7 @@ struct PlaygroundAlbum {
                           .scene = &prepared(*world).scene(),
                           .shading = &prepared(*world).shading(),
                           .camera = &camera,
-                          .pinhole = &pinhole,
+                          .optics = &optics,
                           .position = Vec3(7, 7, 2) + random.point(1.5F),
                           .rotation = random.rotation().toRotationMatrix(),
                           .frame = RenderTargets{.rgb = rgb.data() + i * kBytes}});

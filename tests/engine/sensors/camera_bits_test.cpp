@@ -2,7 +2,7 @@
 #include "base/platform.hpp"
 #include "embree_mesh.hpp"
 #include "on_target.hpp"
-#include "render/pinhole_camera.hpp"
+#include "render/camera_optics.hpp"
 #include "sensors/camera_scenes.hpp"
 #include "trace/packets.hpp"
 #include "trace/scene.hpp"
@@ -108,7 +108,7 @@ TEST(CameraCrowds, PacketsOfEitherShapeHitTheSame) {
   const EmbreeDevice device;
   const TriangleMesh& mesh = world->triangles();
   const EmbreeScene scene = device.scene(mesh);
-  const auto trace = [&](const render::PinholeCamera& pinhole, const render::PixelTile& tile, const Mat3& rotation, bool wide,
+  const auto trace = [&](const render::CameraOptics& optics, const render::PixelTile& tile, const Mat3& rotation, bool wide,
                          trace::RayBundle& rays, trace::HitDetails& details) {
     static const std::vector<float> ones(trace::kMaxRays + trace::kRayPadding, 1.0F);
     rays.origin = Vec3(0.1F, 0.2F, 0.3F);
@@ -117,8 +117,8 @@ TEST(CameraCrowds, PacketsOfEitherShapeHitTheSame) {
     rays.range = 20.0F;
     rays.count = tile.height * render::PixelTile::kSide;
     rays.x = ones.data();
-    rays.y = pinhole.grids[0].left.data() + tile.column * render::PixelTile::kSide;
-    rays.z = pinhole.grids[0].up.data() + tile.row * render::PixelTile::kSide;
+    rays.y = optics.grids[0].left.data() + tile.column * render::PixelTile::kSide;
+    rays.z = optics.grids[0].up.data() + tile.row * render::PixelTile::kSide;
     std::fill_n(rays.t_hit, trace::kMaxRays, kInfinity);
     std::fill_n(rays.element, trace::kMaxRays, -1);
     const FlushDenormals flush;
@@ -130,12 +130,12 @@ TEST(CameraCrowds, PacketsOfEitherShapeHitTheSame) {
   trace::HitDetails of_four, of_two;
   std::size_t hits = 0;
   for (const auto& [width, height] : {std::pair{48, 48}, {17, 3}, {16, 7}, {5, 1}}) {
-    const render::PinholeCamera pinhole = render::make_pinhole_camera(camera_of(width, height));
+    const render::CameraOptics optics = render::make_camera_optics(camera_of(width, height));
     for (int i = 0; i < 5; ++i) {
       const Mat3 rotation = random.rotation().toRotationMatrix();
-      for (const render::PixelTile& tile : pinhole.tiles) {
-        trace(pinhole, tile, rotation, true, *four, of_four);
-        trace(pinhole, tile, rotation, false, *two, of_two);
+      for (const render::PixelTile& tile : optics.tiles) {
+        trace(optics, tile, rotation, true, *four, of_four);
+        trace(optics, tile, rotation, false, *two, of_two);
         for (std::size_t ray = 0; ray < four->count; ++ray) {
           ASSERT_EQ(four->element[ray], two->element[ray]);
           if (four->element[ray] < 0) continue;

@@ -1,6 +1,6 @@
 // Errors of images: moments over a million pixels, within three standard errors. NumPy twins are in tests/python/sensors.
 #include "on_target.hpp"
-#include "render/pinhole_camera.hpp"
+#include "render/camera_optics.hpp"
 #include "sensors/color_errors.hpp"
 #include "sensors/depth_errors.hpp"
 #include "standard.hpp"
@@ -115,12 +115,12 @@ TEST(ImageErrors, AreTheSameOnEveryTarget) {
                            .dropout = 0.1F};
   const ColorErrors noise{.vignetting = 0.5F, .exposure = 1.2F, .shot_noise = 0.05F, .read_noise = 0.02F, .gamma = 0.9F};
   const auto levels = make_levels(noise);
-  const auto pinhole = render::make_pinhole_camera({.width_px = 37, .height_px = 21});
+  const auto optics = render::make_camera_optics({.width_px = 37, .height_px = 21});
   on_every_target([&] {
     const std::vector<float> erring = reading(errors, 3.0F, 37, 21);
     std::vector<std::uint8_t> image(3 * 37 * 21, 90);
     ColorScratch scratch;
-    add_color_errors(noise, levels, pinhole, {.values = image.data(), .width = 37, .height = 21, .planes = 1, .channels = 3},
+    add_color_errors(noise, levels, optics, {.values = image.data(), .width = 37, .height = 21, .planes = 1, .channels = 3},
                      kNoise, scratch);
     if (depths.empty()) depths = erring, colors = image;
     EXPECT_EQ(erring, depths);
@@ -132,20 +132,20 @@ TEST(ColorErrors, ABlackImageStaysBlackUnderAutoExposure) {
   const ColorErrors errors{.auto_exposure = 0.4F};
   std::vector<std::uint8_t> image(3 * 4 * 2);
   ColorScratch scratch;
-  add_color_errors(errors, make_levels(errors), render::make_pinhole_camera({.width_px = 4, .height_px = 2}),
+  add_color_errors(errors, make_levels(errors), render::make_camera_optics({.width_px = 4, .height_px = 2}),
                    {.values = image.data(), .width = 4, .height = 2, .planes = 3, .channels = 1}, kNoise, scratch);
   EXPECT_EQ(image, std::vector<std::uint8_t>(image.size()));
 }
 
 TEST(ColorErrors, ColorsHaveTheirNoise) {
-  const auto pinhole = render::make_pinhole_camera({.width_px = 1000, .height_px = 334});
+  const auto optics = render::make_camera_optics({.width_px = 1000, .height_px = 334});
   const ColorErrors errors{.exposure = 0.8F, .shot_noise = 0.08F, .read_noise = 0.03F};
   const std::vector<std::uint8_t> levels = make_levels(errors);
   const auto normal = [](double x) { return 0.5 * std::erfc(-x / std::numbers::sqrt2); };
   for (const int value : {10, 128, 250}) {
     std::vector<std::uint8_t> image(3 * 1000 * 334, static_cast<std::uint8_t>(value));
     ColorScratch scratch;
-    add_color_errors(errors, levels, pinhole, {.values = image.data(), .width = 1000, .height = 334, .planes = 1, .channels = 3},
+    add_color_errors(errors, levels, optics, {.values = image.data(), .width = 1000, .height = 334, .planes = 1, .channels = 3},
                      kNoise, scratch);
     // The expected distribution over the 4,096 levels of light, clipped to them.
     const double srgb = value / 255.0;

@@ -100,6 +100,9 @@ struct CameraConfig {
   ImageLayout layout = ImageLayout::hwc;
   CaptureMode capture_mode = CaptureMode::every_step;
   int samples_per_pixel = 1;
+  float rolling_shutter_s = 0.0F;
+  float exposure_s = 0.0F;
+  int blur_samples = 8;
   bool shadows = false;
   float sun_size_deg = 0.0F;
   int ambient_occlusion_rays = 0;
@@ -114,7 +117,8 @@ struct CameraConfig {
   ColorErrors color_errors;
   EventPixels event_pixels;
 
-  static constexpr int kMaxSide = 8192;  // px, maximum width and height of an image
+  static constexpr int kMaxSide = 8192;         // px, maximum width and height of an image
+  static constexpr int kMaxColorSamples = 256;  // of a pixel, at all poses
 
   static constexpr auto fields() {
     using C = CameraConfig;
@@ -152,11 +156,24 @@ struct CameraConfig {
                         "render at a reset and in `Batch.sense`.",
                .affects_hash = AffectsHash::no}),  // the mode is part of the snapshot
         field("samples_per_pixel", &C::samples_per_pixel,
-              {.about = "Samples per pixel, averaged, for colours only. Other outputs are taken at the pixel's centre.",
+              {.about = "Samples that a pixel's colours are averaged over. Other outputs are taken at its centre.",
                .limits = one_of(1, 4, 9, 16)}),
         field("adaptive_samples", &C::adaptive_samples,
-              {.about = "Take all samples only where colours differ by more than 8 of 255 among 3 x 3 pixels, which saves "
-                        "time. ``\"gl\"`` takes all."}),
+              {.about = "Take all samples only where colours differ by more than 8 of 255 among 3 x 3 pixels. "
+                        "``\"gl\"``, rolling shutters and blur take all."}),
+        field("rolling_shutter_s", &C::rolling_shutter_s,
+              {.about = "Time from the first row to the last, each seen from its own pose between the last two images. "
+                        "Moving objects stand still. Only by ``\"raycast\"``.",
+               .unit = "s",
+               .limits = between(0, 1)}),
+        field("exposure_s", &C::exposure_s,
+              {.about = "Time in which the drone's motion blurs the colours of a row. Other outputs show its end. With "
+                        "``rolling_shutter_s`` at most the time between images. Only by ``\"raycast\"``.",
+               .unit = "s",
+               .limits = between(0, 1)}),
+        field("blur_samples", &C::blur_samples,
+              {.about = "Poses that blurred colours are averaged over, at most 256 / ``samples_per_pixel``.",
+               .limits = between(2, kMaxColorSamples)}),
         field("shadows", &C::shadows,
               {.about = "Shadows of the sun, cast by everything except markers and a room's walls and ceiling."}),
         field("sun_size_deg", &C::sun_size_deg,
@@ -192,6 +209,9 @@ struct CameraConfig {
 
   // True if images need rays for ambient occlusion or for a sun of some size.
   bool has_soft_light() const { return ambient_occlusion_rays > 0 || sun_size_deg > 0.0F; }
+  // True if an image shows more than one pose of the drone.
+  bool takes_time() const { return rolling_shutter_s > 0.0F || exposure_s > 0.0F; }
+  int num_poses() const { return exposure_s > 0.0F ? blur_samples : 1; }  // that the colours of a row are averaged over
   // True if the camera is not a plain pinhole.
   FLOCKSTEP_API bool has_lens() const;
   FLOCKSTEP_API void validate() const;

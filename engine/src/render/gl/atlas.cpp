@@ -158,10 +158,10 @@ void write_depth(const float* from, std::size_t count, const CameraConfig& camer
 }
 
 // Converts planar depths to ranges, in one row from column `left` on.
-void lengthen(const PinholeCamera& pinhole, int left, int row, std::size_t count, float* depth) {
-  const float z = (pinhole.cy - static_cast<float>(row) - 0.5F) / pinhole.fy;
-  const float per_pixel = 1.0F / pinhole.fx;
-  const float first = pinhole.cx - static_cast<float>(left) - 0.5F;
+void lengthen(const CameraOptics& optics, int left, int row, std::size_t count, float* depth) {
+  const float z = (optics.cy - static_cast<float>(row) - 0.5F) / optics.fy;
+  const float per_pixel = 1.0F / optics.fx;
+  const float first = optics.cx - static_cast<float>(left) - 0.5F;
   for (std::size_t i = 0; i < count; ++i) {
     const float y = (first - static_cast<float>(static_cast<int>(i))) * per_pixel;
     depth[i] *= std::sqrt(1.0F + y * y + z * z);
@@ -195,7 +195,7 @@ void write_frame(const AtlasPixels& pixels, const AtlasSize& size, std::size_t t
   if (frame.depth == nullptr || camera.depth_kind == DepthKind::planar) return;
   for (int row = part.top; row < part.top + part.height; ++row) {
     float* const depth = frame.depth + static_cast<std::size_t>(row) * frame_width + static_cast<std::size_t>(part.left);
-    lengthen(*request.pinhole, part.left, row, width, depth);
+    lengthen(*request.optics, part.left, row, width, depth);
   }
 }
 

@@ -264,7 +264,7 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
   const CameraConfig& camera = *requests[group[0]].camera;
   const GlPass pass = pass_of(camera);
   float longest = 0.0F;
-  for (const std::uint32_t i : group) longest = std::max({longest, requests[i].pinhole->fx, requests[i].pinhole->fy});
+  for (const std::uint32_t i : group) longest = std::max({longest, requests[i].optics->fx, requests[i].optics->fy});
   for (focal_px = 8.0F; focal_px < longest;) focal_px *= 4.0F;
   const int side = std::min(worker.max_side(), kMaxSide);
   const int columns = pieces(camera.width_px * pass.samples, side);
@@ -298,8 +298,8 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
         const int top = row * tile.height;
         parts.push_back(
             {i, left, top, std::min(tile.width, camera.width_px - left), std::min(tile.height, camera.height_px - top)});
-        cameras.push_back({request.world->light(), request.position, request.rotation, request.pinhole->fx, request.pinhole->fy,
-                           request.pinhole->cx - static_cast<float>(left), request.pinhole->cy - static_cast<float>(top),
+        cameras.push_back({request.world->light(), request.position, request.rotation, request.optics->fx, request.optics->fy,
+                           request.optics->cx - static_cast<float>(left), request.optics->cy - static_cast<float>(top),
                            static_cast<std::uint32_t>(first_item),
                            static_cast<std::uint32_t>(task.scene.items.size() - first_item), hidden_ids});
       }

@@ -166,33 +166,33 @@ void shoot(const RenderRequest& request, const PixelTile& tile, const trace::Ray
   if (shadows) find_shadows(request, rays, scratch);
   if (soft) find_soft_light(request, rays, shadows, scratch);
   const auto shaded = shadows && !soft ? std::span<const std::uint8_t>(scratch.shaded) : std::span<const std::uint8_t>();
-  const auto samples = static_cast<float>(std::max(request.pinhole->grids.size() - 1, std::size_t{1}));
+  const auto samples = static_cast<float>(std::max(request.optics->grids.size() - 1, std::size_t{1}));
   request.shading->shade(rays, scratch.tracer.details(), shaded, soft ? &scratch.soft : nullptr, 1.0F / (tile.density * samples),
                          wanted, request.camera->depth_kind, scratch.bodies, scratch.pixels);
 }
 
 // Sets the random numbers of the ray through a pixel of a tile.
-void seed(const RenderRequest& request, const PinholeCamera::Grid& grid, const PixelTile& tile, std::size_t pixel,
-          std::size_t ray, RaycastScratch& scratch) {
+void seed(const RenderRequest& request, const CameraOptics::Grid& grid, const PixelTile& tile, std::size_t pixel, std::size_t ray,
+          RaycastScratch& scratch) {
   scratch.soft.seed(ray, tile.column + pixel % PixelTile::kSide, tile.row + pixel / PixelTile::kSide,
-                    static_cast<std::size_t>(&grid - request.pinhole->grids.data()), request.camera->ambient_occlusion_rays);
+                    static_cast<std::size_t>(&grid - request.optics->grids.data()), request.camera->ambient_occlusion_rays);
 }
 
 // Traces and shades one sample of each pixel of the tile.
-void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const PixelTile& tile, const CameraOutputs& wanted,
+void sample(const RenderRequest& request, const CameraOptics::Grid& grid, const PixelTile& tile, const CameraOutputs& wanted,
             RaycastScratch& scratch) {
   const std::size_t pixels = has_soft_light(request, wanted) ? tile.height * PixelTile::kSide : 0;
   for (std::size_t i = 0; i < pixels; ++i) seed(request, grid, tile, i, i, scratch);
   shoot(request, tile,
-        {.x = grid.ahead.empty() ? scratch.ones : grid.ahead.data() + tile.across * TilePixels::kCount,
-         .y = grid.left.data() + tile.across * TilePixels::kCount,
-         .z = grid.up.data() + tile.down * TilePixels::kCount,
+        {.x = grid.ahead.empty() ? scratch.ones : grid.ahead.data() + tile.across * TilePixels::kCount + tile.first,
+         .y = grid.left.data() + tile.across * TilePixels::kCount + tile.first,
+         .z = grid.up.data() + tile.down * TilePixels::kCount + tile.first,
          .rows = tile.height,
          .width = PixelTile::kSide,
          .frustum = &tile.frustum,
          .u = grid.columns.empty() ? nullptr : &grid.columns[tile.across],
          .v = grid.rows.empty() ? nullptr : &grid.rows[tile.down],
-         .is_rectangle = !request.pinhole->lens},
+         .is_rectangle = !request.optics->lens},
         wanted, scratch);
 }
 
@@ -201,23 +201,54 @@ CameraOutputs colors_of(CameraOutputs outputs) {
   return outputs;
 }
 
-// Averages the colours of all samples.
+// Returns the bodies and the drones of a request, numbered after the elements of its world.
+std::array<VisibleBodies, 2> numbered_bodies(const RenderRequest& request) {
+  std::array all{request.bodies, request.drones};
+  all[0].shapes.first_element = request.shading->first_body();
+  all[1].shapes.first_element = all[0].shapes.first_element + static_cast<std::int32_t>(all[0].shapes.count);
+  return all;
+}
+
+// Points the tracer from a pose of the camera.
+void aim(const RenderRequest& request, const CameraPose& pose, RaycastScratch& scratch) {
+  const CameraConfig& camera = *request.camera;
+  const auto [bodies, drones] = numbered_bodies(request);
+  scratch.tracer.set_viewpoint(*request.scene,
+                               {.origin = pose.position,
+                                .rotation = pose.rotation,
+                                .near = camera.near_m,
+                                .range = camera.far_m,
+                                .longest = request.optics->corner,
+                                .sees_markers = true,
+                                .bodies = &bodies.shapes,
+                                .drones = &drones.shapes,
+                                .asked = {.normals = camera.outputs.normal || has_soft_light(request, camera.outputs),
+                                          .weights = camera.outputs.any_color()},
+                                .policy = request.policy});
+}
+
+// Averages the colours of all samples, at all poses of the exposure, the last of which remains the tracer's.
 void average(const RenderRequest& request, const PixelTile& tile, RaycastScratch& scratch) {
   TilePixels& pixels = scratch.pixels;
   std::uint8_t* const channels[3] = {pixels.r, pixels.g, pixels.b};
   const CameraOutputs colors = colors_of(request.camera->outputs);
   const std::size_t pixels_of_tile = tile.height * PixelTile::kSide;
   for (auto& sums : scratch.sums) std::fill_n(sums, pixels_of_tile, std::uint16_t{0});
-  const auto grids = std::span(request.pinhole->grids).subspan(1);
-  for (const PinholeCamera::Grid& grid : grids) {
-    sample(request, grid, tile, colors, scratch);
-    for (std::size_t c = 0; c < 3; ++c) {
-      for (std::size_t i = 0; i < pixels_of_tile; ++i) {
-        scratch.sums[c][i] = static_cast<std::uint16_t>(scratch.sums[c][i] + channels[c][i]);
+  const auto all = std::span(request.optics->grids);
+  const auto grids = all.size() > 1 ? all.subspan(1) : all;
+  const int poses = request.camera->num_poses();
+  for (int pose = 0; pose < poses; ++pose) {
+    if (poses > 1) aim(request, request.exposure->at(*request.camera, tile.row, pose), scratch);
+    for (const CameraOptics::Grid& grid : grids) {
+      sample(request, grid, tile, colors, scratch);
+      for (std::size_t c = 0; c < 3; ++c) {
+        for (std::size_t i = 0; i < pixels_of_tile; ++i) {
+          scratch.sums[c][i] = static_cast<std::uint16_t>(scratch.sums[c][i] + channels[c][i]);
+        }
       }
     }
   }
-  const auto count = static_cast<unsigned int>(grids.size());
+  const auto count = static_cast<unsigned int>(grids.size()) * static_cast<unsigned int>(poses);
   for (std::size_t c = 0; c < 3; ++c) {
     for (std::size_t i = 0; i < pixels_of_tile; ++i) {
       channels[c][i] = static_cast<std::uint8_t>((scratch.sums[c][i] + count / 2) / count);
@@ -227,7 +258,7 @@ void average(const RenderRequest& request, const PixelTile& tile, RaycastScratch
 
 // Row `row` of a channel of request.centres, which is padded to whole tiles.
 std::uint8_t* centres_of(const RenderRequest& request, std::size_t channel, std::size_t row) {
-  const std::vector<PixelTile>& tiles = request.pinhole->tiles;
+  const std::vector<PixelTile>& tiles = request.optics->tiles;
   const std::size_t width = tiles.back().column + PixelTile::kSide;
   return request.centres + channel * tiles.size() * TilePixels::kCount + row * width;
 }
@@ -249,7 +280,7 @@ void copy_centres(const RenderRequest& request, const PixelTile& tile, TilePixel
 std::span<const std::uint8_t> list_uneven(const RenderRequest& request, const PixelTile& tile,
                                           std::array<std::uint8_t, TilePixels::kCount>& list) {
   constexpr std::size_t kSide = PixelTile::kSide;
-  const PixelTile& corner = request.pinhole->tiles.back();
+  const PixelTile& corner = request.optics->tiles.back();
   const std::size_t left = tile.column == 0 ? 0 : 1, right = tile.column == corner.column ? 0 : 1;
   std::array<bool, TilePixels::kCount> uneven{};
   for (std::size_t c = 0; c < 3; ++c) {
@@ -284,10 +315,10 @@ std::span<const std::uint8_t> list_uneven(const RenderRequest& request, const Pi
 
 // Takes all samples of some pixels of a tile, kMaxRays in all at most, and writes their means to scratch.refined.
 void refine(const RenderRequest& request, const PixelTile& tile, std::span<const std::uint8_t> list, RaycastScratch& scratch) {
-  const auto grids = std::span(request.pinhole->grids).subspan(1);
+  const auto grids = std::span(request.optics->grids).subspan(1);
   std::size_t rays = 0;
   for (const std::size_t pixel : list) {
-    for (const PinholeCamera::Grid& grid : grids) {
+    for (const CameraOptics::Grid& grid : grids) {
       if (request.camera->has_soft_light()) seed(request, grid, tile, pixel, rays, scratch);
       scratch.ahead[rays] = grid.ahead.empty() ? 1.0F : grid.ahead[tile.across * TilePixels::kCount + pixel];
       scratch.left[rays] = grid.left[tile.across * TilePixels::kCount + pixel];
@@ -319,27 +350,14 @@ void refine(const RenderRequest& request, const PixelTile& tile, std::span<const
 // Prepares the scratch memory for tiles of a request.
 void begin(const RenderRequest& request, RaycastScratch& scratch) {
   const CameraConfig& camera = *request.camera;
-  VisibleBodies bodies = request.bodies, drones = request.drones;
-  bodies.shapes.first_element = request.shading->first_body();
-  drones.shapes.first_element = bodies.shapes.first_element + static_cast<std::int32_t>(bodies.shapes.count);
+  const auto [bodies, drones] = numbered_bodies(request);
   scratch.bodies.begin(bodies, drones, *request.shading);
-  const bool soft = has_soft_light(request, camera.outputs);
-  if (soft || (camera.shadows && camera.outputs.any_color())) {
+  if (has_soft_light(request, camera.outputs) || (camera.shadows && camera.outputs.any_color())) {
     const auto& primitives = request.world->primitives();
     const bool has_room = !primitives.empty() && primitives[0].kind == PrimitiveKind::room;
     scratch.casters.begin(has_room ? &request.scene->shape(0) : nullptr, request.scene->casters(), bodies.shapes, drones.shapes);
   }
-  scratch.tracer.set_viewpoint(*request.scene,
-                               {.origin = request.position,
-                                .rotation = request.rotation,
-                                .near = camera.near_m,
-                                .range = camera.far_m,
-                                .longest = request.pinhole->corner,
-                                .sees_markers = true,
-                                .bodies = &bodies.shapes,
-                                .drones = &drones.shapes,
-                                .asked = {.normals = camera.outputs.normal || soft, .weights = camera.outputs.any_color()},
-                                .policy = request.policy});
+  aim(request, {request.position, request.rotation}, scratch);
 }
 
 }  // namespace
@@ -348,14 +366,17 @@ RaycastScratch::RaycastScratch() { std::fill(std::begin(ones), std::end(ones), 1
 
 void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch) {
   begin(request, scratch);
-  const PinholeCamera& pinhole = *request.pinhole;
+  const CameraOptics& optics = *request.optics;
   CameraOutputs wanted = request.camera->outputs;
-  const bool samples = pinhole.grids.size() > 1 && request.centres == nullptr;
+  const int poses = request.camera->num_poses();
+  const bool samples = (optics.grids.size() > 1 || poses > 1) && request.centres == nullptr;
   if (samples) wanted.rgb = wanted.grey = false;
   const bool centre = wanted.any_color() || wanted.depth || wanted.semantic || wanted.instance || wanted.normal;
   for (std::size_t i = first; i < last; ++i) {
-    const PixelTile& tile = pinhole.tiles[i];
-    if (centre) sample(request, pinhole.grids[0], tile, wanted, scratch);
+    const PixelTile& tile = optics.tiles[i];
+    const bool is_new_row = i == first || tile.row != optics.tiles[i - 1].row;
+    if (request.exposure && is_new_row) aim(request, request.exposure->at(*request.camera, tile.row, poses - 1), scratch);
+    if (centre) sample(request, optics.grids[0], tile, wanted, scratch);
     if (request.centres != nullptr) copy_centres<false>(request, tile, scratch.pixels);
     if (samples && request.camera->outputs.any_color()) average(request, tile, scratch);
     write_tile(scratch.pixels, tile, *request.camera, request.frame);
@@ -364,11 +385,11 @@ void render_tiles(const RenderRequest& request, std::size_t first, std::size_t l
 
 void refine_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch) {
   begin(request, scratch);
-  const std::size_t most = trace::kMaxRays / (request.pinhole->grids.size() - 1);  // pixels at a time
+  const std::size_t most = trace::kMaxRays / (request.optics->grids.size() - 1);  // pixels at a time
   const RenderTargets colors{.rgb = request.frame.rgb, .grey = request.frame.grey};
   std::array<std::uint8_t, TilePixels::kCount> list;
   for (std::size_t i = first; i < last; ++i) {
-    const PixelTile& tile = request.pinhole->tiles[i];
+    const PixelTile& tile = request.optics->tiles[i];
     auto left = list_uneven(request, tile, list);
     if (left.empty()) continue;
     copy_centres<true>(request, tile, scratch.refined);

@@ -28,7 +28,7 @@ struct RaycastScratch {
   RaycastScratch();
 };
 
-// Renders tiles [first, last) of the request's pinhole camera into its frame. The value of a pixel depends only on the
+// Renders tiles [first, last) of the request's image into its frame. The value of a pixel depends only on the
 // request.
 void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch);
 

@@ -11,7 +11,7 @@
 
 #include "flockstep/config.hpp"
 #include "render/appearance.hpp"
-#include "render/pinhole_camera.hpp"
+#include "render/camera_optics.hpp"
 #include "render/textures.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/scene.hpp"

@@ -1,4 +1,4 @@
-// PinholeCamera: the ray directions of all pixels.
+// CameraOptics: the ray directions of all pixels.
 #pragma once
 
 #include <cstddef>
@@ -15,9 +15,10 @@ namespace flockstep::render {
 // A block of pixels that is traced together.
 struct PixelTile {
   static constexpr std::size_t kSide = 16;  // pixels; one row is a vector of rays
-  std::size_t column, row;                  // its first pixel, a multiple of kSide
+  std::size_t column, row;                  // its first pixel, a multiple of kSide; any row with a rolling shutter
   std::size_t width, height;                // at most kSide
   std::size_t across, down;                 // numbers of its columns and rows in the arrays of a Grid
+  std::size_t first = 0;                    // its first ray there
   trace::Frustum frustum;                   // camera frame
   float density;                            // pixels per unit of area, where directions end
 };
@@ -26,9 +27,11 @@ struct PixelTile {
 // (cy - v - 1/2) / fy) in the camera frame: x along the optical axis, y left, z up. Lengths along the ray are therefore
 // planar depths.
 //
+// With a rolling shutter, each row of pixels has a pose of its own, and thus tiles of its own, one pixel high.
+//
 // A lens bends the rays: each tile has columns and rows of its own. The directions of a fisheye, some of which may point
 // backwards, have length 1. Lengths along its rays are ranges.
-struct PinholeCamera {
+struct CameraOptics {
   float fx, fy, cx, cy;      // px
   std::optional<Lens> lens;  // none for a plain pinhole
   // Ray directions through one point of every pixel. grids[0] holds the pixel centres. If a pixel has several samples, one
@@ -44,6 +47,6 @@ struct PinholeCamera {
   float corner;                  // length of the longest direction
 };
 
-PinholeCamera make_pinhole_camera(const CameraConfig& camera);
+CameraOptics make_camera_optics(const CameraConfig& camera);
 
 }  // namespace flockstep::render

@@ -1,4 +1,4 @@
-#include "render/pinhole_camera.hpp"
+#include "render/camera_optics.hpp"
 
 #include "flockstep/config.hpp"
 #include "standard.hpp"
@@ -36,22 +36,22 @@ TEST(PinholeFocalLength, OfKnownAngles) {
   EXPECT_NEAR(both.fy(), 415.69219, 1e-4);  // 240 / tan 30
 }
 
-TEST(PinholeCamera, EveryPixelLooksThroughItsSamples) {
+TEST(CameraOptics, EveryPixelLooksThroughItsSamples) {
   for (const CameraConfig& camera : cameras()) {
     SCOPED_TRACE(name_of(camera));
-    const PinholeCamera pinhole = make_pinhole_camera(camera);
+    const CameraOptics optics = make_camera_optics(camera);
     const auto samples = static_cast<std::size_t>(camera.samples_per_pixel);
-    ASSERT_EQ(pinhole.grids.size(), samples == 1 ? 1 : 1 + samples);
+    ASSERT_EQ(optics.grids.size(), samples == 1 ? 1 : 1 + samples);
     const auto side = static_cast<std::size_t>(std::lround(std::sqrt(static_cast<double>(samples))));
     const auto place = [&](std::size_t grid, std::size_t step) {  // position within a pixel
       return grid == 0 ? 0.5 : (static_cast<double>(step) + 0.5) / static_cast<double>(side);
     };
-    for (const PixelTile& tile : pinhole.tiles) {
-      for (std::size_t grid = 0; grid < pinhole.grids.size(); ++grid) {
+    for (const PixelTile& tile : optics.tiles) {
+      for (std::size_t grid = 0; grid < optics.grids.size(); ++grid) {
         const double left = place(grid, (grid - 1) % side);
         const double down = place(grid, (grid - 1) / side);
-        const float* const y = pinhole.grids[grid].left.data() + tile.column * PixelTile::kSide;
-        const float* const z = pinhole.grids[grid].up.data() + tile.row * PixelTile::kSide;
+        const float* const y = optics.grids[grid].left.data() + tile.column * PixelTile::kSide;
+        const float* const z = optics.grids[grid].up.data() + tile.row * PixelTile::kSide;
         for (std::size_t ray = 0; ray < PixelTile::kSide * PixelTile::kSide; ++ray) {
           const double u = static_cast<double>(tile.column + ray % PixelTile::kSide) + left;
           const double v = static_cast<double>(tile.row + ray / PixelTile::kSide) + down;
@@ -59,28 +59,28 @@ TEST(PinholeCamera, EveryPixelLooksThroughItsSamples) {
           const double its_z = (0.5 * camera.height_px - v) / static_cast<double>(camera.fy());
           ASSERT_NEAR(y[ray], its_y, 1e-6 * (1.0 + std::abs(its_y))) << "grid " << grid << ", ray " << ray;
           ASSERT_NEAR(z[ray], its_z, 1e-6 * (1.0 + std::abs(its_z))) << "grid " << grid << ", ray " << ray;
-          ASSERT_LE(std::hypot(1.0, its_y, its_z), static_cast<double>(pinhole.corner) * (1.0 + 1e-6));
+          ASSERT_LE(std::hypot(1.0, its_y, its_z), static_cast<double>(optics.corner) * (1.0 + 1e-6));
         }
       }
     }
   }
 }
 
-TEST(PinholeCamera, WholeVectorsMayBeReadPastTheLastRay) {
-  const PinholeCamera pinhole = make_pinhole_camera({.width_px = 17, .height_px = 3});
-  for (const PinholeCamera::Grid& grid : pinhole.grids) {
+TEST(CameraOptics, WholeVectorsMayBeReadPastTheLastRay) {
+  const CameraOptics optics = make_camera_optics({.width_px = 17, .height_px = 3});
+  for (const CameraOptics::Grid& grid : optics.grids) {
     EXPECT_EQ(grid.left.size(), 2 * PixelTile::kSide * PixelTile::kSide + trace::kRayPadding);
     EXPECT_EQ(grid.up.size(), PixelTile::kSide * PixelTile::kSide + trace::kRayPadding);
   }
 }
 
-TEST(PinholeCamera, TilesHoldEveryPixelOnce) {
+TEST(CameraOptics, TilesHoldEveryPixelOnce) {
   for (const CameraConfig& camera : cameras()) {
     SCOPED_TRACE(name_of(camera));
     const auto width = static_cast<std::size_t>(camera.width_px);
     const auto height = static_cast<std::size_t>(camera.height_px);
     std::vector<int> times(width * height, 0);
-    for (const PixelTile& tile : make_pinhole_camera(camera).tiles) {
+    for (const PixelTile& tile : make_camera_optics(camera).tiles) {
       EXPECT_EQ(tile.column % PixelTile::kSide, 0U);
       EXPECT_EQ(tile.row % PixelTile::kSide, 0U);
       ASSERT_LE(tile.column + tile.width, width);
@@ -94,17 +94,17 @@ TEST(PinholeCamera, TilesHoldEveryPixelOnce) {
 }
 
 // Includes the rays that only pad the last tiles. The frusta are as tight as the borders of their tiles.
-TEST(PinholeCamera, FrustaHoldAllRaysOfTheirTile) {
+TEST(CameraOptics, FrustaHoldAllRaysOfTheirTile) {
   for (const CameraConfig& camera : cameras()) {
     SCOPED_TRACE(name_of(camera));
-    const PinholeCamera pinhole = make_pinhole_camera(camera);
-    for (const PixelTile& tile : pinhole.tiles) {
+    const CameraOptics optics = make_camera_optics(camera);
+    for (const PixelTile& tile : optics.tiles) {
       const trace::Frustum& frustum = tile.frustum;
       const auto above = [&](std::size_t plane, const Vec3& direction) {
         return Vec3(frustum.x[plane], frustum.y[plane], frustum.z[plane]).dot(direction);
       };
       for (std::size_t plane = 0; plane < trace::Frustum::kPlanes; ++plane) {
-        for (const PinholeCamera::Grid& grid : pinhole.grids) {
+        for (const CameraOptics::Grid& grid : optics.grids) {
           for (std::size_t ray = 0; ray < PixelTile::kSide * PixelTile::kSide; ++ray) {
             const Vec3 direction(1.0F, grid.left[tile.column * PixelTile::kSide + ray],
                                  grid.up[tile.row * PixelTile::kSide + ray]);
@@ -114,8 +114,8 @@ TEST(PinholeCamera, FrustaHoldAllRaysOfTheirTile) {
         float most = -1e9F;
         for (const std::size_t right : {std::size_t{0}, PixelTile::kSide}) {
           for (const std::size_t down : {std::size_t{0}, PixelTile::kSide}) {
-            const Vec3 corner(1.0F, (pinhole.cx - static_cast<float>(tile.column + right)) / pinhole.fx,
-                              (pinhole.cy - static_cast<float>(tile.row + down)) / pinhole.fy);
+            const Vec3 corner(1.0F, (optics.cx - static_cast<float>(tile.column + right)) / optics.fx,
+                              (optics.cy - static_cast<float>(tile.row + down)) / optics.fy);
             most = std::max(most, above(plane, corner.normalized()));
           }
         }
