@@ -1931,6 +1931,9 @@ class Batch:
     ) -> None:
         """Change a LiDAR of some drones from the next `sense` on; None leaves a value unchanged.
 
+        ``errors`` replaces all errors. A width of beams is refused if the LiDAR was made without one, and errors that
+        depend on surfaces if it was made without any and without outputs: they need memory.
+
         ``beams`` and ``channels`` concern all drones, so the mask must not leave one out, and move the arrays (see
         `generation`). The LiDAR has then not scanned yet. They are refused with a task or a pattern of beams.
         """

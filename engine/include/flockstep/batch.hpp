@@ -324,7 +324,8 @@ class FLOCKSTEP_API Batch::Lidar {
   // the readings stay unchanged.
   void scan(DroneIndex drone, std::span<float> out) const;
   // From the next scan on. With beams or channels, the mask must select all drones; ranges are inf until that scan. A LiDAR that
-  // was made without fans (BatchConfig::tracer) does not get any.
+  // was made without fans (BatchConfig::tracer) does not get any. Errors that need memory are refused if its configuration has
+  // none for them: a width of beams, and without outputs what depends on surfaces.
   void set(const LidarChange& change, DroneMask mask = {});
 
  private:
