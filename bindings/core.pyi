@@ -1740,7 +1740,8 @@ class Batch:
     def sensor(self, name: str) -> dict[str, Any]:
         """Return the arrays that a sensor publishes: read-only views by their names, such as ``"accelerometer"``.
 
-        Sensors have the name of their configuration; the pose sensor is ``"pose"``.
+        Sensors have the name of their configuration; the pose sensor is ``"pose"``. If sensors of two kinds share a
+        name, write the kind before it: ``"imu.front"``.
         """
 
     def set_pose(

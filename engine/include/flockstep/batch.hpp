@@ -217,8 +217,8 @@ class FLOCKSTEP_API Batch {
   const Arrays& readings(std::size_t index = 0) const {
     return or_empty<Arrays>(find_readings(typeid(Arrays), index));
   }
-  // Returns the arrays that the sensor of this name publishes. Throws std::invalid_argument if there is none, or if sensors of
-  // two kinds have this name.
+  // Returns the arrays that the sensor of this name publishes. Its kind may precede the name, as in "imu.front". Throws
+  // std::invalid_argument if there is none, or if sensors of two kinds have this name.
   std::vector<ArrayView> sensor_arrays(std::string_view name) const;
   const std::string& camera_backend_report() const;  // the backend in use and the reason for it
   std::string take_warning();                        // a warning not reported yet, e.g. that OpenGL failed; usually empty
