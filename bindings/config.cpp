@@ -422,7 +422,7 @@ void register_config(py::module_& module) {
   });
   register_fields<BodyMotion>(module, "BodyMotion", "Moves a body. Its pose is a function of the time since the episode began.");
   register_fields<BodyConfig>(module, "BodyConfig", "A solid in each env that may move: sensors see it, and drones hit it.");
-  register_fields<Light>(module, "Light", "Sun, sky and fog of camera images. ``Light(**world.light)`` is the light of a world.");
+  register_fields<Light>(module, "Light");
   register_fields<EpisodeConfig>(module, "EpisodeConfig", "Begin and end of episodes, the same for every task.");
   register_fields<ObservationConfig>(module, "ObservationConfig",
                                      "What agents remember, and when they learn what their task observes.");

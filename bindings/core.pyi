@@ -392,6 +392,33 @@ class NavigationReward:
     # fields of NavigationReward
 
 @final
+class Light:
+    """Sun, sky and fog of camera images. ``Light(**world.light)`` is the light of a world."""
+
+    # fields of Light
+    @staticmethod
+    def at_hour(hour: float, latitude_deg: float = 48.0, day_of_year: int = 172) -> Light:
+        """Return the light at a time of a clear day.
+
+        {light.hpp: It is the default ... darker below}. In the night only a bluish rest of the sky is left. x points
+        east and y north.
+
+        Parameters
+        ----------
+        hour
+            Solar time, 0 to 24. At 12 the sun is highest.
+        latitude_deg
+            Of the place, -90 to 90; south of the equator negative.
+        day_of_year
+            From 1 for January 1st. June 21st is 172.
+
+        Raises
+        ------
+        ValueError
+            An argument is outside its limits.
+        """
+
+@final
 class NavigationConfig:
     # fields of NavigationConfig
     @staticmethod
@@ -1713,7 +1740,8 @@ class Batch:
     def sensor(self, name: str) -> dict[str, Any]:
         """Return the arrays that a sensor publishes: read-only views by their names, such as ``"accelerometer"``.
 
-        Sensors have the name of their configuration; the pose sensor is ``"pose"``.
+        Sensors have the name of their configuration; the pose sensor is ``"pose"``. If sensors of two kinds share a
+        name, write the kind before it: ``"imu.front"``.
         """
 
     def set_pose(
@@ -1930,6 +1958,9 @@ class Batch:
         **fields: Changes[LidarConfig],
     ) -> None:
         """Change a LiDAR of some drones from the next `sense` on; None leaves a value unchanged.
+
+        ``errors`` replaces all errors. A width of beams is refused if the LiDAR was made without one, and errors that
+        depend on surfaces if it was made without any and without outputs: they need memory.
 
         ``beams`` and ``channels`` concern all drones, so the mask must not leave one out, and move the arrays (see
         `generation`). The LiDAR has then not scanned yet. They are refused with a task or a pattern of beams.

@@ -278,13 +278,18 @@ CHANGES_TEXT = '''"""The keywords of a client that change configurations; made b
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypedDict
+from typing import TYPE_CHECKING, TypedDict
+
+if TYPE_CHECKING:
+    from flockstep._core import {imports}
 '''
 
 
 def changes() -> str:
     """Return the module client/changes."""
-    text = CHANGES_TEXT
+    types = (field["type"] for fields in _core._changes.values() for field in fields)
+    used = {name for text in types for name in re.findall(r"\w+", text) if hasattr(_core, name)}
+    text = CHANGES_TEXT.format(imports=", ".join(sorted(used)))
     for config, fields in _core._changes.items():
         name = config.removesuffix("Config") + "Changes"
         text += f'\n\nclass {name}(TypedDict, total=False):\n    """Fields of `{config}` that change.\n\n'

@@ -313,6 +313,14 @@ void register_world(py::module_& module) {
                         return std::const_pointer_cast<World>(released([&] { return World::from_bytes(bytes); }));
                       }))
       .def("__repr__", [](const World& world) { return "World('" + world.name() + "')"; });
+  py::reinterpret_borrow<py::class_<Light>>(module.attr("Light"))
+      .def_static(
+          "at_hour",
+          [](const py::object& hour, const py::object& latitude_deg, const py::object& day_of_year) {
+            return Light::at_hour(from_python<float>(hour, "hour"), from_python<float>(latitude_deg, "latitude_deg"),
+                                  from_python<int>(day_of_year, "day_of_year"));
+          },
+          py::arg("hour"), py::arg("latitude_deg") = 48.0, py::arg("day_of_year") = 172);
 }
 
 }  // namespace flockstep::bindings

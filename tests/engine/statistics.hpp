@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstddef>
 #include <functional>
+#include <span>
 #include <vector>
 
 namespace flockstep::testing {
@@ -58,6 +59,32 @@ inline double allan_variance_of(const std::function<double(double)>& covariance,
     }
   }
   return variance / static_cast<double>(k * k);
+}
+
+// Compares the Allan variance of independent series with the expected one, for clusters of three lengths k. Each element of
+// `readings` has one reading of every series.
+inline void expect_allan(std::span<const std::vector<double>> readings, const std::function<double(std::size_t)>& expected) {
+  for (const std::size_t k : {1U, 16U, 64U}) {
+    std::vector<double> found;
+    for (std::size_t i = 0; i < readings.front().size(); ++i) {
+      std::vector<double> series;
+      for (const std::vector<double>& now : readings) series.push_back(now[i]);
+      found.push_back(allan_variance(series, k));
+    }
+    EXPECT_TRUE(has_mean(found, expected(k))) << k;
+  }
+}
+
+// The same, of stationary series with this covariance.
+inline void expect_allan_of(std::span<const std::vector<double>> readings, const std::function<double(double)>& covariance) {
+  expect_allan(readings, [&](std::size_t k) { return allan_variance_of(covariance, k); });
+}
+
+// Returns the Allan variance of readings of a random walk, whose variance grows by `step` between two. The mean of k readings
+// makes it (2 k^2 + 1) / (2 k^2) times that of a continuous walk.
+inline double allan_variance_of_walk(double step, std::size_t k) {
+  const auto n = static_cast<double>(k);
+  return step * n / 3.0 * (1.0 + 0.5 / (n * n));
 }
 
 }  // namespace flockstep::testing

@@ -217,8 +217,8 @@ class FLOCKSTEP_API Batch {
   const Arrays& readings(std::size_t index = 0) const {
     return or_empty<Arrays>(find_readings(typeid(Arrays), index));
   }
-  // Returns the arrays that the sensor of this name publishes. Throws std::invalid_argument if there is none, or if sensors of
-  // two kinds have this name.
+  // Returns the arrays that the sensor of this name publishes. Its kind may precede the name, as in "imu.front". Throws
+  // std::invalid_argument if there is none, or if sensors of two kinds have this name.
   std::vector<ArrayView> sensor_arrays(std::string_view name) const;
   const std::string& camera_backend_report() const;  // the backend in use and the reason for it
   std::string take_warning();                        // a warning not reported yet, e.g. that OpenGL failed; usually empty
@@ -324,7 +324,8 @@ class FLOCKSTEP_API Batch::Lidar {
   // the readings stay unchanged.
   void scan(DroneIndex drone, std::span<float> out) const;
   // From the next scan on. With beams or channels, the mask must select all drones; ranges are inf until that scan. A LiDAR that
-  // was made without fans (BatchConfig::tracer) does not get any.
+  // was made without fans (BatchConfig::tracer) does not get any. Errors that need memory are refused if its configuration has
+  // none for them: a width of beams, and without outputs what depends on surfaces.
   void set(const LidarChange& change, DroneMask mask = {});
 
  private:

@@ -60,6 +60,11 @@ struct Light {
                .limits = zero_or_between(0.1, 1e6)}));
   }
 
+  // Returns the light of a clear day or night, in the world frame. It is the default light while the sun is 60 degrees high, and
+  // redder and darker below. hour: solar time in [0, 24], 12 when the sun is highest. latitude_deg: in [-90, 90], positive in the
+  // north. day_of_year: in [1, 366]; 172 is the longest day of the north. Throws std::invalid_argument that names the argument.
+  FLOCKSTEP_API static Light at_hour(float hour, float latitude_deg = 48.0F, int day_of_year = 172);
+
   bool operator==(const Light&) const = default;
 
   FLOCKSTEP_API void validate() const;

@@ -88,9 +88,11 @@ std::vector<ArrayView> Batch::sensor_arrays(std::string_view name) const {
   std::vector<std::string> names;
   const auto look = [&](const sensors::Sensor& sensor) {
     names.push_back(sensor.name());
-    if (sensor.name() != name) return;
-    if (!arrays.empty())
-      refuse("sensor", "the name of one sensor", '"' + std::string(name) + "\", which two sensors of different kinds have");
+    if (sensor.name() != name && sensor.label() != name) return;
+    if (!arrays.empty()) {
+      refuse("sensor", "its kind before the name that sensors of two kinds have, as in \"" + sensor.label() + '"',
+             '"' + std::string(name) + '"');
+    }
     sensor.list_arrays([&](const ArrayView& array) { arrays.push_back(array); });
   };
   for (const auto& sensor : sim_->suite) look(*sensor);

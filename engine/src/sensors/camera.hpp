@@ -106,7 +106,9 @@ class Camera final : public Sensor {
   void list_arrays(const std::function<void(const ArrayView&)>& list) const override;
   // A snapshot holds run-time settings and the poses at which frames were taken. The frames are rendered again.
   void visit(ArrayVisitor& visitor) override;
-  void check_bytes(std::span<const std::byte> settings) const override { settings_.check_bytes(settings); }
+  void check_bytes(std::span<const std::byte> settings) const override {
+    settings_.check_bytes(settings, [](const CameraConfig& config) { config.validate(); });
+  }
   void restored() override;
   void check() const override;
   void visit_images(ArrayVisitor& visitor);  // the written images, which visit() leaves out

@@ -26,14 +26,15 @@ struct Setting {
   float max_range_m;  // m, LiDARs only
   std::array<float, 3> offset_m;
   std::array<float, 4> quat_wxyz;
+  RangeErrors errors;  // LiDARs only
 };
 Setting setting_of(const LidarConfig& config);
 Setting setting_of(const CameraConfig& config);
 LidarConfig with(LidarConfig config, const Setting& setting);
 CameraConfig with(CameraConfig config, const Setting& setting);
 
-// Holds the setting and the optics of each drone. Optics are expensive data computed from the field of view, such as a table
-// of rays.
+// Holds the setting and the optics of each drone. Optics are expensive data computed from the field of view and the width of
+// beams, such as a table of rays.
 template <class Config, class Optics>
 class DroneSettings {
  public:
@@ -60,12 +61,13 @@ class DroneSettings {
   }
 
   void visit(std::string_view name, ArrayVisitor& visitor) { visitor.array(name, settings_); }
-  // Throws std::invalid_argument if a setting is invalid.
-  void check_bytes(std::span<const std::byte> bytes) const {
+  // Calls a check of configurations with each setting in `bytes`.
+  template <class Check>
+  void check_bytes(std::span<const std::byte> bytes, const Check& check) const {
     for (std::size_t at = 0; at < bytes.size(); at += sizeof(Setting)) {
       Setting setting;
       std::memcpy(&setting, bytes.data() + at, sizeof(setting));
-      with(config_, setting).validate();
+      check(with(config_, setting));
     }
   }
   void restored() {
@@ -74,7 +76,7 @@ class DroneSettings {
   }
 
  private:
-  // Drones with equal fields of view share their optics. An entry that no drone uses is reused for the next optics.
+  // Drones whose optics would be equal share them. An entry that no drone uses is reused for the next optics.
   struct Shared {
     Shared(const Setting& setting_in, Optics optics_in, std::size_t drones_in)
         : setting(setting_in), optics(std::move(optics_in)), drones(drones_in) {}
@@ -84,7 +86,8 @@ class DroneSettings {
   };
 
   bool can_share(const Setting& a, const Setting& b) const {
-    return a.hfov_deg == b.hfov_deg && a.vfov_deg == b.vfov_deg && (!optics_turn_ || a.quat_wxyz == b.quat_wxyz);
+    return a.hfov_deg == b.hfov_deg && a.vfov_deg == b.vfov_deg && a.errors.divergence_mrad == b.errors.divergence_mrad &&
+           (!optics_turn_ || a.quat_wxyz == b.quat_wxyz);
   }
   std::size_t find_or_make(const Setting& setting) {
     const auto find = [&](const auto& holds) { return std::ranges::find_if(shared_, holds) - shared_.begin(); };

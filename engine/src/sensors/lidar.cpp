@@ -160,6 +160,7 @@ Lidar::Lidar(const LidarConfig& config, const SensorSetup& setup)
       rays_(rays_of(config)),
       number_(setup.number),
       settings_(config, setup.num_drones, true, [policy = policy_](const LidarConfig& of) { return optics_of(of, policy); }),
+      errs_(config.errors != RangeErrors()),
       scan_ticks_(static_cast<float>(static_cast<double>(config.scan_time_s) / setup.clock.dt_s())),
       motion_(config.scan_time_s > 0.0F ? setup.num_drones : 0) {
   std::ranges::fill(readings_.published().max_range_m, config.max_range_m);
@@ -181,15 +182,30 @@ void Lidar::change(const LidarChange& change, std::span<const DroneIndex> drones
     config.vfov_deg = change.vfov_deg.value_or(config.vfov_deg);
     config.offset_m = change.offset_m.value_or(config.offset_m);
     config.quat_wxyz = change.quat_wxyz.value_or(config.quat_wxyz);
+    config.errors = change.errors.value_or(config.errors);
     return config;
   };
-  changed(config_).validate();  // validates each field, so that a bad one is refused even if no drone is listed
+  if (drones.empty()) check_setting(changed(config_));  // a bad field is refused even if no drone is listed
+  for (const DroneIndex drone : drones) check_setting(changed(config_of(drone)));
   for (const DroneIndex drone : drones) set_config(drone, changed(config_of(drone)));
+}
+
+void Lidar::check_setting(const LidarConfig& config) const {
+  config.validate();
+  const RangeErrors& errors = config.errors;
+  const char* const unset = "its default, since the LiDAR was made without outputs and errors that depend on surfaces";
+  if (!config_.needs_hits()) {
+    require(errors.max_incidence_deg == 90.0F, "lidar.errors.max_incidence_deg", unset, errors.max_incidence_deg);
+    require(errors.min_intensity == 0.0F, "lidar.errors.min_intensity", unset, errors.min_intensity);
+  }
+  require(errors.divergence_mrad == 0.0F || config_.errors.divergence_mrad > 0.0F, "lidar.errors.divergence_mrad",
+          "0, since the LiDAR was made with beams of no width", errors.divergence_mrad);
 }
 
 void Lidar::set_config(DroneIndex drone, const LidarConfig& config) {
   settings_.set(drone, config);
   readings_.published().max_range_m[drone] = settings_[drone].max_range_m;
+  errs_ = errs_ || config.errors != RangeErrors();
 }
 
 void Lidar::begin(DroneIndex drone, const State& state) {
@@ -241,7 +257,10 @@ void Lidar::visit(ArrayVisitor& visitor) {
 
 void Lidar::restored() {
   settings_.restored();
-  for (std::size_t i = 0; i < settings_.size(); ++i) readings_.published().max_range_m[i] = settings_[DroneIndex(i)].max_range_m;
+  for (std::size_t i = 0; i < settings_.size(); ++i) {
+    readings_.published().max_range_m[i] = settings_[DroneIndex(i)].max_range_m;
+    errs_ = errs_ || errors_of(DroneIndex(i)) != RangeErrors();
+  }
   has_scanned_ = true;
 }
 
@@ -268,7 +287,8 @@ void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surr
   if (hits_.empty() && !is_rolling()) return;
   const State& state = surroundings.state;
   for (const DroneIndex drone : drones) {
-    if (!hits_.empty()) look_at(targets_of(drone, surroundings), drone, state, scan_of(drone), &readings_.truth());
+    const Scan scan = scan_of(drone);
+    if (!scan.hits.empty()) look_at(targets_of(drone, surroundings), drone, state, scan, &readings_.truth());
     if (is_rolling()) motion_.add(drone, pose_of(state, drone), tick_of(drone, state));
   }
 }
@@ -281,8 +301,8 @@ Pose Lidar::pose_at(const PosePath& path, std::size_t column) const {
 
 void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_errors, std::span<float> ranges) const {
   const BeamTargets targets = targets_of(drone, surroundings);
-  std::vector<trace::RayHit> hits(has_errors && config_.errors.need_surfaces() ? rays_ : 0);
-  std::vector<float> edges(has_errors && !edges_.empty() ? rays_ : 0);
+  std::vector<trace::RayHit> hits(has_errors && errors_of(drone).need_surfaces() ? rays_ : 0);
+  std::vector<float> edges(has_errors && errors_of(drone).divergence_mrad > 0.0F ? rays_ : 0);
   const Scan scan{ranges, hits, edges};
   trace_beams(targets, drone, surroundings.state, scan, surroundings.tracer);
   surroundings.tracer.finish();
@@ -292,7 +312,7 @@ void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_er
 
 void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                     LidarReadings* readings) const {
-  const RangeErrors& errors = config_.errors;
+  const RangeErrors& errors = errors_of(drone);
   const bool needs_cosines = config_.outputs.intensity || errors.need_surfaces();
   const float max_incidence = errors.max_incidence_deg * (std::numbers::pi_v<float> / 180.0F);  // rad
   const float min_cosine = errors.max_incidence_deg < 90.0F ? std::cos(max_incidence) : 0.0F;
@@ -341,8 +361,9 @@ void Lidar::look_at(const BeamTargets& targets, DroneIndex drone, const State& s
 
 // Beams that the errors lose also lose their outputs.
 void Lidar::add_errors(std::span<const DroneIndex> drones, const State& state) {
-  if (config_.errors == RangeErrors()) return;
+  if (!errs_) return;
   for (const DroneIndex drone : drones) {
+    if (errors_of(drone) == RangeErrors()) continue;
     const Scan scan = scan_of(drone);
     add_errors(drone, state, scan);
     for_each_output(readings_.truth(), config_.outputs, [&](const auto&, auto& values) {
@@ -365,7 +386,7 @@ void Lidar::add_errors(DroneIndex drone, const State& state, const Scan& scan) c
     range += uniform01(draw(state, key, stream_named("mixed ranges"), index, number_)[0]) * gap;
   }
   const auto draws = static_cast<std::uint32_t>((rays_ + 1) / 2);  // of a reading
-  add_range_errors(config_.errors, settings_[drone].max_range_m,
+  add_range_errors(errors_of(drone), settings_[drone].max_range_m,
                    input_of_draw(state, key, stream_named("range errors"), draws * reading, number_), scan.ranges);
 }
 

@@ -62,7 +62,9 @@ class Lidar final : public SensorOf<LidarReadings> {
     });
   }
   void visit(ArrayVisitor& visitor) override;
-  void check_bytes(std::span<const std::byte> settings) const override { settings_.check_bytes(settings); }
+  void check_bytes(std::span<const std::byte> settings) const override {
+    settings_.check_bytes(settings, [this](const LidarConfig& config) { check_setting(config); });
+  }
   void restored() override;
   void check() const override {
     SensorOf::check();
@@ -91,17 +93,22 @@ class Lidar final : public SensorOf<LidarReadings> {
   // Returns the drone's pose when a column of beams is traced.
   Pose pose_at(const PosePath& path, std::size_t column) const;
   Scan scan_of(DroneIndex drone) {
-    const auto row = [&](auto& values) {
-      return values.empty() ? std::span(values) : std::span(values).subspan(drone * rays_, rays_);
+    const auto row = [&](auto& values, bool is_needed) {
+      return is_needed ? std::span(values).subspan(drone * rays_, rays_) : std::span(values).first(0);
     };
-    return {row(readings_.truth().ranges), row(hits_), row(edges_)};
+    return {row(readings_.truth().ranges, true),
+            row(hits_, !hits_.empty() && (config_.outputs.any() || errors_of(drone).need_surfaces())),
+            row(edges_, !edges_.empty() && errors_of(drone).divergence_mrad > 0.0F)};
   }
   void trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                    trace::Tracer& tracer) const;
   // Drops beams that the errors lose at the surfaces that they hit. Writes the outputs of the others unless `readings` is null.
   void look_at(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan, LidarReadings* readings) const;
   void add_errors(DroneIndex drone, const State& state, const Scan& scan) const;
+  // Throws std::invalid_argument if a drone's setting is invalid, or needs memory that the LiDAR does not have.
+  void check_setting(const LidarConfig& config) const;
   void set_config(DroneIndex drone, const LidarConfig& config);
+  const RangeErrors& errors_of(DroneIndex drone) const { return settings_[drone].errors; }
   Vec3 offset_of(DroneIndex drone) const { return Vec3::Map(settings_[drone].offset_m.data()); }
 
   LidarConfig config_;
@@ -112,6 +119,7 @@ class Lidar final : public SensorOf<LidarReadings> {
   // (N, rays) of the scans in progress; empty if not needed
   std::vector<trace::RayHit> hits_;
   std::vector<float> edges_;
+  bool errs_;          // some drone has, or had, errors
   float scan_ticks_;   // ticks that a scan takes
   ScanMotion motion_;  // of no drones unless scans take time
   std::atomic<bool> has_scanned_{false};

@@ -140,7 +140,7 @@ class McapRecorder:
         self._drones: list[str] | None = None  # of the latest /tf_static
         self._envs = source if arrays and isinstance(source, DroneVectorEnv) else None
         if self._envs is not None:
-            self._moments = Moments(self._envs.batch)
+            self._moments = Moments(self._envs.batch, pixels=True)
             self._arrays = ArrayChannels(self._writer._writer, contents_of(self._envs, self._moments, paths=paths))
 
     def write(self, actions: npt.ArrayLike | None = None) -> None:

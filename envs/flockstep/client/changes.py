@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypedDict
+from typing import TYPE_CHECKING, TypedDict
+
+if TYPE_CHECKING:
+    from flockstep._core import RangeErrors
 
 
 class LidarChanges(TypedDict, total=False):
@@ -21,6 +24,8 @@ class LidarChanges(TypedDict, total=False):
         Position (x, y, z) in the body frame. Values: within +-100 m.
     quat_wxyz
         Rotation (w, x, y, z) from sensor to body. A norm near 1 is normalised. Values: a unit quaternion.
+    errors
+        How ranges err.
     beams
         Beams of a channel, counter-clockwise from -hfov/2 to +hfov/2, both included (at 360 without the end). At
         most 262144 in all channels. Values: [1, 262144].
@@ -34,6 +39,7 @@ class LidarChanges(TypedDict, total=False):
     vfov_deg: float | None
     offset_m: Sequence[float] | None
     quat_wxyz: Sequence[float] | None
+    errors: RangeErrors | None
     beams: int | None
     channels: int | None
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from flockstep._core import BodyConfig, BodyMotion, World
+from flockstep._core import BodyConfig, World
 from flockstep.client import protocol as pb
 from flockstep.client.frames import Arrays
 from flockstep.errors import did_you_mean
@@ -35,7 +35,8 @@ def change_json(kind: type[Any], known: type[Any], fields: Mapping[str, Any]) ->
     for name, value in changes.items():
         setattr(config, name, value)  # which checks its type
         changes[name] = value = _plain(value)
-        if not all(map(isfinite, (part for part in np.ravel(value) if isinstance(part, (int, float))))):
+        parts = np.ravel([*value.values()] if isinstance(value, dict) else value)
+        if not all(isfinite(part) for part in parts if isinstance(part, (int, float))):
             raise ValueError(f"{name}: expected finite numbers, got {value}")
     return json.dumps(changes) if changes else ""
 
@@ -67,7 +68,7 @@ def _made(kind: type[_T], fields: dict[str, Any]) -> _T:
 
 def _plain(value: Any) -> Any:
     """Return a configuration as JSON values."""
-    if isinstance(value, (BodyConfig, BodyMotion)):
+    if hasattr(type(value), "__match_args__"):
         return {name: _plain(getattr(value, name)) for name in type(value).__match_args__}
     if isinstance(value, World):
         return _GLB_URI + base64.b64encode(value.to_glb()).decode()

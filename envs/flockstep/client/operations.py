@@ -159,7 +159,7 @@ class Operations(SensorOperations, BodyOperations, Generic[_Drone]):
         names
             Names of arrays, such as ``["position", "quat_wxyz"]``; ``info.array_names`` lists those of the batch.
         sensor
-            Name of a LiDAR, camera or IMU, whose arrays are then named. Default: those of the batch.
+            Name of a sensor, as for `Batch.sensor`, whose arrays are then named. Default: those of the batch.
         """
         return _get_arrays(names, sensor)
 

@@ -8,12 +8,13 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import Batch, BodyConfig, World
+from flockstep._core import Batch, BodyConfig, Camera, Lidar, World, batch_keywords
 
 Array: TypeAlias = npt.NDArray[Any]
 
 #: Never part of a recording: settings, counters of the whole program, and what other arrays contain.
-_LEFT_OUT = ("params", "move_line_visible", "beams_visible", "bad_states", "episode_terms", "flying")
+_LEFT_OUT = ("params", "max_range_m", "move_line_visible", "beams_visible", "bad_states", "episode_terms", "flying")
+_COLORS = ("rgb", "grey")  # of which JPEG files are kept
 _JPEG_QUALITY = 85
 #: By the names of arrays (N,) int32 of a recording, those of a task, as Race has them: the index of each drone's next
 #: gate, and the number that it has passed in its episode.
@@ -38,9 +39,11 @@ class Moments:
         Number of envs that are read. None: all.
     first
         The first of them.
+    pixels
+        Also read what cameras write beside colours, such as depth. It may fill the memory of what keeps many moments.
     """
 
-    def __init__(self, batch: Batch, envs: int | None = None, first: int = 0) -> None:
+    def __init__(self, batch: Batch, envs: int | None = None, first: int = 0, *, pixels: bool = False) -> None:
         self.batch, self.first = batch, first
         self.envs = batch.num_envs - first if envs is None else min(envs, batch.num_envs - first)
         self.drones = self.envs * batch.drones_per_env
@@ -48,12 +51,12 @@ class Moments:
         counts = {"N": self.drones, "E": self.envs, "R": self.rows}
         #: By the letter of the engine's list of arrays, the rows that are read.
         self.slices = {name: slice(first * n // self.envs, first * n // self.envs + n) for name, n in counts.items()}
-        self.arrays = self._readers()
+        self.arrays = self._readers() | self._sensors(pixels)
         #: Worlds by their `world_index`, and looks of moving objects by number, as far as they have been seen.
         self.worlds: dict[int, World] = {}
         self.bodies: list[World] = []
         self._looks: dict[tuple[Any, ...], int] = {}
-        self._cameras = [camera.name for camera in batch.cameras if {"rgb", "grey"} & set(camera.outputs)]
+        self._cameras = [camera.name for camera in batch.cameras if {*_COLORS} & {*camera.outputs}]
         self._frames = {name: np.full((2, self.drones), -1, np.int64) for name in self._cameras}
         self._image = {name: np.full(self.drones, -1, np.int32) for name in self._cameras}
         self._images = dict.fromkeys(self._cameras, 0)
@@ -78,9 +81,23 @@ class Moments:
                 if size:
                     read = _reader(owner, name, self.slices[array["shape"][1]])
                     found[prefix + name] = Described(array["unit"], read)
-        for lidar in batch.lidars:
-            read = _ranges_of(batch, lidar.name, self.slices["N"])
-            found[f"lidar.{lidar.name}.ranges"] = Described("m", read)
+        return found
+
+    def _sensors(self, pixels: bool) -> dict[str, Described]:
+        """Return the arrays of sensors that are not attributes of the batch, as ``KIND.NAME.ARRAY``."""
+        batch, found = self.batch, dict[str, Described]()
+        attributes = _units_of(Batch)
+        units = _units_of(Lidar) | _units_of(Camera) | attributes
+        for kind, field in batch_keywords.items():
+            if kind == field or (kind == "camera" and not pixels):  # no list of sensors, or not asked for
+                continue
+            for number, config in enumerate(getattr(batch, field)):
+                sensor = f"{kind}.{config.name}"
+                for name, values in batch.sensor(sensor).items():
+                    is_attribute = number == 0 and name in attributes
+                    if values.size and not is_attribute and name not in (*_LEFT_OUT, *_COLORS):
+                        read = _sensor_reader(batch, sensor, name, self.slices["N"])
+                        found[f"{sensor}.{name}"] = Described(units[name], read)
         return found
 
     def settings(self) -> dict[str, Any]:
@@ -148,18 +165,19 @@ class Moments:
         return self._looks[key]
 
 
+def _units_of(owner: Any) -> dict[str, str]:
+    return {array["name"]: array["unit"] for array in owner._arrays}
+
+
 def _reader(owner: Any, name: str, rows: slice) -> Callable[[], Array]:
     return lambda: np.array(getattr(owner, name)[rows])
 
 
-def _ranges_of(batch: Batch, name: str, drones: slice) -> Callable[[], Array]:
+def _sensor_reader(batch: Batch, sensor: str, name: str, drones: slice) -> Callable[[], Array]:
     def read() -> Array:
-        lidar = batch.lidar(name)
-        try:
-            return np.array(lidar.ranges[drones]).reshape(drones.stop - drones.start, -1)
-        except RuntimeError:  # no scan yet
-            beams = lidar.config.channels * lidar.config.beams
-            return np.full((drones.stop - drones.start, beams), np.inf, np.float32)
+        values = np.array(batch.sensor(sensor)[name][drones])
+        is_scan = sensor.startswith("lidar.") and values.ndim > 1
+        return values.reshape(len(values), -1) if is_scan else values
 
     return read
 

@@ -60,8 +60,10 @@ class Recording:
     """A recorded flight.
 
     ``recording["position"]`` is the array (T, N, 3) of T moments; the names are those of the arrays of a batch, such as
-    ``"contact.point"``, and ``"lidar.NAME.ranges"`` and ``"actions"``. The first moment is before the first step, and
-    has NaN as actions. If the task counts gates, ``"gate.next"`` (T, N) is the index of each drone's next gate and
+    ``"contact.point"``, and ``"actions"``. Arrays of a LiDAR have names such as ``"lidar.NAME.ranges"`` (T, N, beams),
+    and of a second IMU ``"imu.NAME.gyroscope"``. Files that were written step by step, as by `record`, also have what
+    cameras see beside colours, such as ``"camera.NAME.depth"``. The first moment is before the first step, and has NaN
+    as actions. If the task counts gates, ``"gate.next"`` (T, N) is the index of each drone's next gate and
     ``"gate.passed"`` (T, N) the number that it has passed in its episode.
 
     Parameters

@@ -36,27 +36,24 @@ TEST(Barometer, HasTheErrorsOfItsConfiguration) {
       with_barometer(kDrones, {.noise_std_pa = 3.0F, .bias_std_pa = 20.0F, .drift_std_pa = 10.0F, .drift_time_s = 5.0F});
   batch.sense();
   const double truth = 101325.0;
-  std::vector<double> first, last, steps, white;
-  std::vector<std::vector<double>> series(kDrones);
+  std::vector<std::vector<double>> readings;
   for (int i = 0; i < kReadings; ++i) {
     if (i > 0) read_next(batch);
-    for (std::size_t drone = 0; drone < kDrones; ++drone) {
-      series[drone].push_back(static_cast<double>(barometer_of(batch).pressure[drone]) - truth);
-    }
+    std::vector<double>& errors = readings.emplace_back();
+    for (const float pressure : barometer_of(batch).pressure) errors.push_back(static_cast<double>(pressure) - truth);
   }
-  for (const std::vector<double>& errors : series) {
-    first.push_back(errors.front());
-    last.push_back(errors.back());
-    steps.push_back(errors.back() - errors[static_cast<std::size_t>(kReadings) - 101]);
-    white.push_back(allan_variance(errors, 1));
-  }
+  const std::vector<double>& first = readings.front();
+  const std::vector<double>& last = readings.back();
   EXPECT_TRUE(has_mean(first, 0.0));
   EXPECT_TRUE(has_mean(products(first, first), 9.0 + 400.0)) << "the drift begins at 0";
   EXPECT_TRUE(has_mean(products(last, last), 9.0 + 400.0 + 100.0));
   EXPECT_TRUE(has_mean(products(first, last), 400.0)) << "the bias is constant";
-  const double kept = std::exp(-100.0 * kReadingS / 5.0);
-  EXPECT_TRUE(has_mean(products(steps, steps), 2.0 * 9.0 + 2.0 * 100.0 * (1.0 - kept)));
-  EXPECT_NEAR(moments(white).mean, 9.0 + 100.0 * (1.0 - std::exp(-kReadingS / 5.0)), 0.1);
+  const auto covariance = [](double lag) { return 100.0 * std::exp(-lag * kReadingS / 5.0) + (lag == 0.0 ? 9.0 : 0.0); };
+  for (const std::size_t lag : {1U, 100U, 300U}) {
+    const std::vector<double>& before = readings[readings.size() - 1 - lag];
+    EXPECT_TRUE(has_mean(products(last, before), 400.0 + covariance(static_cast<double>(lag)))) << lag;
+  }
+  expect_allan_of(std::span(readings).subspan(300), covariance);
 }
 
 TEST(Barometer, DrawsABiasForEachEpisode) {

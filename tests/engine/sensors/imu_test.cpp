@@ -1,6 +1,6 @@
 #include "flockstep/sensors/imu.hpp"
 
-#include "batch_helpers.hpp"
+#include "resting_drones.hpp"
 #include "statistics.hpp"
 
 namespace flockstep {
@@ -91,39 +91,41 @@ TEST(Imu, OffTheCentreMeasuresTheRotation) {
   EXPECT_LT((reading - expected).norm(), 0.03F * expected.norm()) << reading.transpose() << " / " << expected.transpose();
 }
 
-// White noise of density s gives s^2 / t. A random walk of density w gives w^2 t / 3.
-TEST(Imu, NoiseHasTheAllanVarianceOfItsDensities) {
-  constexpr int kDrones = 64;
-  constexpr int kReadings = 4096;
-  constexpr double kStep = 0.01;
-  const ImuConfig imu{.accelerometer_noise_density = 0.02F, .gyroscope_random_walk = 0.05F};
-  Batch batch = make(with_imu(kDrones, imu));
-  const std::vector<float> hover = all(kDrones, static_cast<float>(batch.drone().airframe()->hover_speed()));
-  std::vector<std::vector<double>> white(kDrones), walk(kDrones);
-  for (int i = 0; i < kReadings; ++i) {
-    batch.fly(hover);
-    batch.sense();
-    for (std::size_t drone = 0; drone < kDrones; ++drone) {
-      white[drone].push_back(
-          static_cast<double>(batch.readings<ImuReadings>().accelerometer[3 * drone]));  // along x, where hovering has no effect
-      walk[drone].push_back(static_cast<double>(batch.readings<ImuReadings>().gyroscope[3 * drone + 1]));
-    }
+// A million readings of drones at rest. White noise of density s has the variance s^2 / t in readings that are t apart. A bias
+// that noise of density w drives has the variance w^2 T / 2 with a correlation time T, and otherwise grows by w^2 t.
+TEST(Imu, HasTheNoiseAndBiasesOfItsDensities) {
+  constexpr std::size_t kDrones = 1000, kReadings = 1000;
+  constexpr double kWhite = 0.02, kWalk = 0.05, kTimeS = 2.0;
+  BatchConfig config = resting(kDrones);
+  config.imus = {{.accelerometer_noise_density = 0.02F,
+                  .accelerometer_random_walk = 0.05F,
+                  .accelerometer_bias_time_s = 2.0F,
+                  .accelerometer_bias_std_mps2 = 0.05F,  // begins with the variance that it keeps
+                  .gyroscope_noise_density = 0.02F,
+                  .gyroscope_random_walk = 0.05F}};
+  Batch batch = make_resting(config);
+  std::vector<std::vector<double>> force, turn;  // errors of each reading
+  for (std::size_t i = 0; i < kReadings; ++i) {
+    i == 0 ? batch.sense() : read_next(batch);
+    const ImuReadings& now = batch.readings<ImuReadings>();
+    turn.emplace_back(now.gyroscope.begin(), now.gyroscope.end());
+    force.emplace_back(now.accelerometer.begin(), now.accelerometer.end());
+    for (std::size_t z = 2; z < 3 * kDrones; z += 3) force.back()[z] -= static_cast<double>(kG);
   }
-  for (const std::size_t k : {1U, 16U, 64U}) {
-    const double t = static_cast<double>(k) * kStep;
-    double of_white = 0.0, of_walk = 0.0;
-    for (std::size_t drone = 0; drone < kDrones; ++drone) {
-      of_white += allan_variance(white[drone], k) / kDrones;
-      of_walk += allan_variance(walk[drone], k) / kDrones;
-    }
-    EXPECT_NEAR(of_white / (0.02 * 0.02 / t), 1.0, 0.06) << k;
-    // For averages of k readings of a discrete walk the factor is (2 k^2 + 1) / (2 k^2) times w^2 t / 3.
-    const double discrete = 1.0 + 0.5 / static_cast<double>(k * k);
-    EXPECT_NEAR(of_walk / (0.05 * 0.05 * t / 3.0 * discrete), 1.0, 0.06) << k;
+  const double white = kWhite * kWhite / kReadingS, step = kWalk * kWalk * kReadingS;
+  const auto covariance = [&](double lag) {
+    return kWalk * kWalk * kTimeS / 2.0 * std::exp(-lag * kReadingS / kTimeS) + (lag == 0.0 ? white : 0.0);
+  };
+  for (const std::size_t reading : {0U, 40U, 999U}) {
+    EXPECT_TRUE(has_mean(force[reading], 0.0)) << reading;
+    EXPECT_TRUE(has_mean(turn[reading], 0.0)) << reading;
+    EXPECT_TRUE(has_mean(products(turn[reading], turn[reading]), white + step * static_cast<double>(reading))) << reading;
   }
-  std::vector<double> means;
-  for (const auto& readings : white) means.push_back(moments(readings).mean);
-  EXPECT_NEAR(moments(means).mean, 0.0, 5.0 * 0.02 / std::sqrt(kStep * kReadings * kDrones)) << "no bias of its own";
+  for (const std::size_t lag : {0U, 1U, 40U, 80U}) {
+    EXPECT_TRUE(has_mean(products(force[900], force[900 - lag]), covariance(static_cast<double>(lag)))) << lag;
+  }
+  expect_allan_of(force, covariance);
+  expect_allan(turn, [&](std::size_t k) { return white / static_cast<double>(k) + allan_variance_of_walk(step, k); });
 }
 
 TEST(Imu, ACorrelatedBiasKeepsItsVariance) {

@@ -27,20 +27,6 @@ std::vector<std::vector<double>> errors_of(const PoseSensorConfig& sensor) {
   return errors;
 }
 
-// Checks the Allan variance of readings from `first` on, at three lengths of clusters.
-void expect_allan(const std::vector<std::vector<double>>& errors, std::size_t first,
-                  const std::function<double(std::size_t)>& expected) {
-  for (const std::size_t k : {1U, 10U, 50U}) {
-    std::vector<double> found;
-    for (std::size_t i = 0; i < errors[0].size(); ++i) {
-      std::vector<double> series;
-      for (std::size_t step = first; step < errors.size(); ++step) series.push_back(errors[step][i]);
-      found.push_back(allan_variance(series, k));
-    }
-    EXPECT_TRUE(has_mean(found, expected(k))) << k;
-  }
-}
-
 TEST(PoseDrift, WalksFromZero) {
   constexpr double kWalk = 0.2;
   const auto errors = errors_of({.position_random_walk = static_cast<float>(kWalk)});
@@ -51,10 +37,7 @@ TEST(PoseDrift, WalksFromZero) {
     EXPECT_TRUE(has_mean(products(errors[step], errors[step]), variance)) << step;
   }
   EXPECT_TRUE(has_mean(products(errors[100], errors[1000]), kWalk * kWalk * kReadingS * 100.0)) << "the steps are independent";
-  expect_allan(errors, 0, [](std::size_t k) {
-    const auto n = static_cast<double>(k);
-    return kWalk * kWalk * kReadingS * n / 3.0 * (1.0 + 0.5 / (n * n));
-  });
+  expect_allan(errors, [](std::size_t k) { return allan_variance_of_walk(kWalk * kWalk * kReadingS, k); });
 }
 
 TEST(PoseDrift, ApproachesTheGaussMarkovProcess) {
@@ -75,7 +58,7 @@ TEST(PoseDrift, ApproachesTheGaussMarkovProcess) {
     }
     EXPECT_TRUE(has_mean(found, covariance(static_cast<double>(lag)))) << lag;
   }
-  expect_allan(errors, 300, [&](std::size_t k) { return allan_variance_of(covariance, k); });
+  expect_allan_of(std::span(errors).subspan(300), covariance);
 }
 
 TEST(PoseDrift, IsIndependentOfTheNoise) {

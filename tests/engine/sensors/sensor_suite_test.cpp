@@ -127,7 +127,9 @@ TEST(SensorSuite, ListsTheArraysOfASensorByItsName) {
   EXPECT_EQ(batch.sensor_arrays("pose")[0].data, batch.pose_readings().position.data());
   EXPECT_THROW(batch.sensor_arrays("sonar"), std::invalid_argument);
   const Batch twins(flying({named(kNoisy, "same")}, {{.name = "same"}}), {closet()});
-  EXPECT_THROW(twins.sensor_arrays("same"), std::invalid_argument) << "of the LiDAR or of the IMU";
+  EXPECT_REFUSED(twins.sensor_arrays("same"), "sensor: ... same");  // of the LiDAR or of the IMU
+  EXPECT_EQ(twins.sensor_arrays("lidar.same")[0].data, twins.lidar().readings().ranges.data());
+  EXPECT_EQ(twins.sensor_arrays("imu.same")[1].data, twins.readings<ImuReadings>().gyroscope.data());
 }
 
 constexpr int kDrones = 4000;

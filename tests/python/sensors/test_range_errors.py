@@ -38,9 +38,9 @@ def disturbed(ranges, errors, max_range, drawn):
     return np.where(misses, np.inf, read).reshape(ranges.shape)
 
 
-def batch_of(errors, *, poses=POSES, **keywords):
+def batch_of(errors, *, world=ROOM, poses=POSES, **keywords):
     lidars = [LidarConfig(name="exact", **BEAMS), LidarConfig(name="erring", **BEAMS, errors=errors)]
-    batch = placed(ROOM, poses, lidars=lidars, **keywords)
+    batch = placed(world, poses, lidars=lidars, **keywords)
     batch.seed(np.arange(batch.num_envs) + 5)
     return batch
 
@@ -252,6 +252,70 @@ def test_set_lidar_keeps_errors_and_refuses_a_range_below_them():
         with refused(ValueError, field, "lidar.max_range_m"):
             batch.set_lidar(max_range_m=max_range_m)
     assert [batch.lidar().config_of(i).max_range_m for i in (0, 1)] == [2.0, 3.0]
+
+
+# Before the third drone, the middle beam passes the edge of a box, with another box behind it.
+BOXES = [{"center": [3, 6.205, 2], "size": [0.4, 0.4, 4]}, {"center": [5, 6, 2], "size": [0.2, 3, 4]}]
+EDGES = world_of(name="edges", room={"min": [0, 0, 0], "max": [8, 8, 4]}, boxes=BOXES, markers={"start": [4, 4, 2]})
+EACH = (
+    RangeErrors(),
+    EVERY,
+    RangeErrors(noise_std_m=0.02, divergence_mrad=90),
+    RangeErrors(bias_m=-0.1, max_incidence_deg=40, min_intensity=0.02),
+)
+NEED_MEMORY = RangeErrors(dropout=0.9, divergence_mrad=20, max_incidence_deg=80)
+
+
+def test_each_drone_errs_in_its_own_way():
+    batch, other = (batch_of(NEED_MEMORY, world=EDGES, num_threads=2, block_size=3) for _ in range(2))
+    for drone, errors in enumerate(EACH):
+        batch.set_lidar(np.arange(len(EACH)) == drone, "erring", errors=errors)
+    assert [batch.lidar("erring").config_of(drone).errors for drone in range(len(EACH))] == [*EACH]
+    assert batch.lidar("erring").config.errors == NEED_MEMORY
+    batch.sense()
+    first, blob = batch.lidar("erring").ranges.copy(), batch.snapshot()
+    batch.sense()
+    for drone, errors in enumerate(EACH):
+        alike = batch_of(errors, world=EDGES)
+        alike.sense()
+        np.testing.assert_array_equal(first[drone], alike.lidar("erring").ranges[drone])
+        alike.sense()
+        np.testing.assert_array_equal(batch.lidar("erring").ranges[drone], alike.lidar("erring").ranges[drone])
+    other.restore(blob)
+    other.sense()
+    np.testing.assert_array_equal(other.lidar("erring").ranges, batch.lidar("erring").ranges)
+    # The width of beams and the angle to surfaces matter here.
+    for drone, errors in ((2, RangeErrors(noise_std_m=0.02)), (3, RangeErrors(bias_m=-0.1))):
+        without = batch_of(errors, world=EDGES)
+        without.sense()
+        assert (without.lidar("erring").ranges[drone] != first[drone]).any()
+    batch.remove([1])
+    batch.spawn([1], POSES[1:2])
+    assert batch.lidar("erring").config_of(1).errors == NEED_MEMORY  # a new drone
+
+
+def test_errors_that_a_drone_cannot_have_are_refused_before_any_changes():
+    batch = batch_of(RangeErrors(noise_std_m=0.1))
+    batch.set_lidar([True, False, False, False], "erring", max_range_m=1.0)
+    before, absent = batch.snapshot(), RangeErrors()
+    absent.dropout = math.nan
+    for errors, *said in (
+        (RangeErrors(divergence_mrad=1), "lidar.errors.divergence_mrad", 0, 1),
+        (RangeErrors(max_incidence_deg=80), "lidar.errors.max_incidence_deg", 80),
+        (RangeErrors(min_intensity=0.5), "lidar.errors.min_intensity", 0.5),
+        (RangeErrors(min_range_m=2), "lidar.errors.min_range_m", "lidar.max_range_m", 2),
+        (absent, "lidar.errors.dropout", math.nan),
+    ):
+        with refused(ValueError, *said):
+            batch.set_lidar(lidar="erring", errors=errors)
+    with refused(TypeError, "errors", "flockstep.RangeErrors or None"):
+        batch.set_lidar(lidar="erring", errors={"dropout": 0.5})
+    assert batch.snapshot() == before
+    batch.set_lidar([False, True, True, True], "erring", errors=RangeErrors(min_range_m=2))
+    seeing = LidarConfig(outputs=["semantic"], errors=RangeErrors(divergence_mrad=1))
+    for drones in (0, 2):
+        batch = flockstep.Batch([ROOM], drones, lidar=seeing)
+        batch.set_lidar(errors=RangeErrors(divergence_mrad=2, max_incidence_deg=80, min_intensity=0.5))
 
 
 def test_configurations_survive_recipes_pickles_and_snapshots():

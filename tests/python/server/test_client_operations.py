@@ -246,6 +246,9 @@ def test_lidar_settings(client, batch):
     changed = client.drone(1).get_lidar_config()
     mounting = [changed.max_range_m, *changed.offset_m, *changed.quat_wxyz]
     np.testing.assert_allclose(mounting, [3, 0, 0, 0.1, 0, 0, 0, 1])
+    errors = flockstep.RangeErrors(noise_std_m=0.5, dropout=0.25)
+    client.drone(1).set_lidar_config(errors=errors)
+    assert [client.drone(i).get_lidar_config().errors for i in range(2)] == [flockstep.RangeErrors(), errors]
     client.set_lidar_config("scan", hfov_deg=90)
     assert [client.drone(i).get_lidar_config().hfov_deg for i in range(4)] == [90] * 4
     client.set_lidar_config(channels=3, beams=4)

@@ -1,6 +1,7 @@
 """Messages of the client as bytes, and its addresses."""
 
 import inspect
+import json
 import re
 import struct
 
@@ -17,6 +18,7 @@ from flockstep.client import AsyncClient, AsyncDrone, Client, Drone, changes, sc
 from flockstep.client import protocol as pb
 from flockstep.client.address import parse_address
 from flockstep.client.call import STREAMED, Subscription, call, nothing
+from flockstep.client.configs import change_json
 from flockstep.client.frames import decode, encode
 from flockstep.client.session import Session
 
@@ -317,6 +319,16 @@ def test_keywords_that_change_a_configuration_are_shown():
     assert set(changes.CameraChanges.__annotations__) == set(shown) - {"self", "camera"}
     assert (shown["width_px"].annotation, shown["width_px"].default) == ("int | None", None)
     assert "\n        fog_visibility_m\n            Distance at which fog" in AsyncClient.set_light.__doc__
+
+
+def test_errors_of_a_sensor_are_checked_before_they_are_sent():
+    errors = flockstep.RangeErrors(dropout=0.5)
+    text = change_json(flockstep.LidarConfig, changes.LidarChanges, {"errors": errors, "hfov_deg": None})
+    assert json.loads(text) == {"errors": {name: getattr(errors, name) for name in errors.__match_args__}}
+    errors.dropout = np.nan
+    for wrong, error in ((errors, ValueError), ({"dropout": 0.5}, TypeError)):
+        with refused(error, "errors"):
+            change_json(flockstep.LidarConfig, changes.LidarChanges, {"errors": wrong})
 
 
 @pytest.mark.parametrize(

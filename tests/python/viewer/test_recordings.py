@@ -2,6 +2,7 @@
 
 import base64
 import gzip
+import itertools
 import json
 import random
 import re
@@ -85,6 +86,54 @@ def test_files_give_back_every_array(varied, tmp_path):
         assert read[name].dtype == recording[name].dtype
     assert (read.images, read.ends, read.title) == (recording.images, recording.ends, recording.title)
     assert [world.to_glb() for world in read.worlds.values()] == [w.to_glb() for w in recording.worlds.values()]
+
+
+def test_files_hold_the_readings_of_every_sensor(tmp_path):
+    """By the engine's list of arrays: those of the first of a kind by their names, of others with its name before."""
+    scanner = {"channels": 2, "beams": 5, "vfov_deg": 20, "outputs": ("semantic", "intensity")}
+    outputs = ("rgb", "depth", "events")
+    sensors = {
+        "lidar": [flockstep.LidarConfig(name=name, **scanner) for name in ("top", "low")],
+        "camera": flockstep.CameraConfig(name="front", width_px=8, height_px=6, outputs=outputs),
+        "imu": [flockstep.ImuConfig(), flockstep.ImuConfig(name="second", latency_s=0.04)],
+        "barometer": [flockstep.BarometerConfig(noise_std_pa=3), flockstep.BarometerConfig(name="top")],
+        "magnetometer": flockstep.MagnetometerConfig(noise_std_ut=1),
+        "gps_receiver": flockstep.GpsReceiverConfig(noise_std_m=1),
+        "optical_flow": flockstep.OpticalFlowConfig(noise_std_radps=0.1),
+    }
+    envs = flockstep.DroneVectorEnv(2, task=flockstep.HoverConfig(), worlds="playground/train-1", **sensors)
+    envs.reset(seed=0)
+    capture, seen = Capture(envs), []
+    with Recording.writer(tmp_path / "flight.mcap", envs) as writer:
+        for _ in range(4):
+            envs.step(envs.action_space.sample())
+            writer.add()
+            capture.add()
+            batch, now = envs.batch, {}
+            for name in ("accelerometer", "pressure", "magnetic_field", "gps_position", "gps_velocity", "gps_fix"):
+                now[name] = getattr(batch, name).copy()
+            for name in ("optical_flow", "flow_distance", "imu_age_s"):
+                now[name] = getattr(batch, name).copy()
+            for lidar, name in itertools.product(("top", "low"), ("ranges", "semantic", "intensity")):
+                now[f"lidar.{lidar}.{name}"] = getattr(batch.lidar(lidar), name).reshape(2, 10).copy()
+            for name in ("depth", "events", "frame_step"):
+                now[f"camera.front.{name}"] = getattr(batch.camera(), name).copy()
+            for name in ("accelerometer", "gyroscope", "imu_age_s"):
+                now[f"imu.second.{name}"] = batch.sensor("second")[name].copy()
+            now["barometer.top.pressure"] = batch.sensor("barometer.top")["pressure"].copy()
+            seen.append(now)
+    read, kept = Recording(tmp_path / "flight.mcap"), capture.recording()
+    for name in seen[0]:
+        expected = np.array([now[name] for now in seen])
+        np.testing.assert_array_equal(read[name], expected, err_msg=name)
+        assert read[name].dtype == expected.dtype
+    assert read._contents.units["lidar.low.ranges"] == "m"
+    assert read._contents.units["imu.second.gyroscope"] == "rad/s"
+    # A page shows of cameras only colours.
+    extra = {name for name in read.names if name.startswith("camera.front.")} - {"camera.front.image"}
+    assert sorted(kept.names) == sorted({*read.names} - extra)
+    doubled = {"lidar.top.max_range_m", "imu.imu.accelerometer", "barometer.barometer.pressure", "camera.front.rgb"}
+    assert not doubled & {*read.names}
 
 
 def replaced_objects():

@@ -105,14 +105,15 @@ struct LidarChange {
   std::optional<float> vfov_deg;                  // deg
   std::optional<std::array<float, 3>> offset_m;   // m, body frame
   std::optional<std::array<float, 4>> quat_wxyz;  // sensor to body
+  std::optional<RangeErrors> errors;              // replaces all
   std::optional<int> beams;                       // all drones'; moves the arrays of the batch
   std::optional<int> channels;                    // all drones'; moves the arrays of the batch
 
   static constexpr auto fields() {
     using C = LidarChange;
     return field_list(field("max_range_m", &C::max_range_m), field("hfov_deg", &C::hfov_deg), field("vfov_deg", &C::vfov_deg),
-                      field("offset_m", &C::offset_m), field("quat_wxyz", &C::quat_wxyz), field("beams", &C::beams),
-                      field("channels", &C::channels));
+                      field("offset_m", &C::offset_m), field("quat_wxyz", &C::quat_wxyz), field("errors", &C::errors),
+                      field("beams", &C::beams), field("channels", &C::channels));
   }
 };
 
