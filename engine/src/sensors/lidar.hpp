@@ -74,12 +74,6 @@ class Lidar final : public SensorOf<LidarReadings> {
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
 
-  // The traced rays of one drone; hits and edges are empty if not needed.
-  struct Scan {
-    std::span<float> ranges;
-    std::span<trace::RayHit> hits;
-    std::span<float> edges;  // ranges of the rays at the edges of the beams
-  };
   bool is_rolling() const { return config_.scan_time_s > 0.0F; }
   std::int64_t tick_of(DroneIndex drone, const State& state) const {
     return state.tick[RandomKey::of(drone, drones_per_env_).env];
@@ -94,12 +88,19 @@ class Lidar final : public SensorOf<LidarReadings> {
     const auto row = [&](auto& values) {
       return values.empty() ? std::span(values) : std::span(values).subspan(drone * rays_, rays_);
     };
-    return {row(readings_.truth().ranges), row(hits_), row(edges_)};
+    LidarReadings& readings = readings_.truth();
+    return {.ranges = row(readings.ranges),
+            .elements = row(elements_),
+            .triangles = row(triangles_),
+            .intensity = row(config_.outputs.intensity ? readings.intensity : cosines_),
+            .semantic = row(readings.semantic),
+            .instance = row(readings.instance),
+            .edges = row(edges_)};
   }
   void trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                    trace::Tracer& tracer) const;
-  // Drops beams that the errors lose at the surfaces that they hit. Writes the outputs of the others unless `readings` is null.
-  void look_at(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan, LidarReadings* readings) const;
+  // Drops beams that the errors lose at the surfaces that they hit, and writes the outputs of the others.
+  void read_hits(DroneIndex drone, const Surroundings& surroundings, const Scan& scan) const;
   void add_errors(DroneIndex drone, const State& state, const Scan& scan) const;
   void set_config(DroneIndex drone, const LidarConfig& config);
   Vec3 offset_of(DroneIndex drone) const { return Vec3::Map(settings_[drone].offset_m.data()); }
@@ -109,9 +110,10 @@ class Lidar final : public SensorOf<LidarReadings> {
   std::size_t rays_;
   std::uint32_t number_;  // number among the drone's LiDARs; each has its own errors
   DroneSettings<LidarConfig, BeamOptics> settings_;
-  // (N, rays) of the scans in progress; empty if not needed
-  std::vector<trace::RayHit> hits_;
-  std::vector<float> edges_;
+  LeastReturn least_;
+  // (N, rays) of the scans in progress; empty if not needed. Intensities are in the place of their cosines.
+  std::vector<std::int32_t> elements_, triangles_;
+  std::vector<float> cosines_, edges_;
   float scan_ticks_;   // ticks that a scan takes
   ScanMotion motion_;  // of no drones unless scans take time
   std::atomic<bool> has_scanned_{false};

@@ -32,7 +32,7 @@ HWY_INLINE void store(const Nearest<Rays, kNumbered>& nearest, Rays range, float
 template <bool kNumbered>
 HWY_INLINE void leave_room(const Candidate& room, const Rays3& o, const Rays3& direction, Nearest<Rays, kNumbered>& nearest) {
   const float* const half = room.shape->half_extents;
-  Fraction<Rays> first{kInfinity, 1.0F};
+  Fraction<Rays> first{kInfinity, 1.0F, 0.0F};
   if (room.walls[0]) first = min(first, slab_exit(o.x, direction.x, half[0]));
   if (room.walls[1]) first = min(first, slab_exit(o.y, direction.y, half[1]));
   if (room.walls[2]) first = min(first, slab_exit(o.z, direction.z, half[2]));
@@ -81,15 +81,19 @@ HWY_INLINE void intersect(const Candidate& candidate, const Rays3& direction, Ra
 }
 
 // kNearer: only hits nearer than t_hit count.
-template <bool kNumbered, bool kNearer>
+template <bool kNumbered, bool kCosines, bool kNearer>
 void intersect_all(std::span<const Candidate* const> seen, RayBundle& rays) {
   const Rays near = rays.near, range = rays.range;
   for (std::size_t i = 0; i < rays.count; i += Rays::kCount) {
     const Rays3 direction = rotate(rays.rotation, Rays3::load_unaligned(rays.x + i, rays.y + i, rays.z + i));
     Nearest<Rays, kNumbered> nearest;
-    if constexpr (kNearer) nearest = {Rays::load(rays.t_hit + i), Rays::Int::load(rays.element + i)};
+    if constexpr (kNearer) {
+      nearest = {Rays::load(rays.t_hit + i), Rays::Int::load(rays.element + i)};
+      if constexpr (kCosines) nearest.distance.cosine = Rays::load(rays.cosine + i);
+    }
     for (const Candidate* const candidate : seen) intersect(*candidate, direction, near, nearest);
     store(nearest, range, rays.t_hit + i, rays.element + i);
+    if constexpr (kCosines) nearest.distance.cosine.store(rays.cosine + i);
   }
 }
 
@@ -103,7 +107,13 @@ HWY_INLINE bool trace_seen(std::span<const Candidate> candidates, std::size_t ma
     count = select_seen(candidates, max_seen, rays, seen);
     if (count > max_seen) return false;
   }
-  rays.numbered ? intersect_all<true, kNearer>({seen, count}, rays) : intersect_all<false, kNearer>({seen, count}, rays);
+  if (rays.has_cosines) {
+    intersect_all<true, true, kNearer>({seen, count}, rays);
+  } else if (rays.numbered) {
+    intersect_all<true, false, kNearer>({seen, count}, rays);
+  } else {
+    intersect_all<false, false, kNearer>({seen, count}, rays);
+  }
   return true;
 }
 
