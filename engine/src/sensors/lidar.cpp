@@ -253,7 +253,13 @@ void Lidar::restored() {
 
 void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
   if (!drones.empty() && !has_scanned()) has_scanned_.store(true, std::memory_order_relaxed);
-  bool has_slices = false;  // this env's drones are in slices
+  bool has_slices = false;     // this env's drones are in slices
+  std::size_t first_slot = 0;  // of the drones whose hits are not read yet; they take the first places, which stay in the cache
+  const auto scan = [&](std::size_t i) { return scan_of(drones[i], drones[i - first_slot]); };
+  const auto read_until = [&](std::size_t end) {
+    for (std::size_t i = first_slot; i < end; ++i) read_hits(drones[i], surroundings, scan(i));
+    first_slot = end;
+  };
   for (std::size_t i = 0; i < drones.size(); ++i) {
     const DroneIndex drone = drones[i];
     BeamTargets targets = targets_of(drone, surroundings);
@@ -268,15 +274,14 @@ void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surr
       if (const trace::Scene& next = surroundings.scene_of(drones[i + 2]); &next != &targets.scene) next.prefetch_parts();
     }
     if (surroundings.bodies_per_env > 0 && i + 1 < drones.size()) surroundings.bodies_of(drones[i + 1]).shapes.prefetch_balls();
-    trace_beams(targets, drone, surroundings.state, scan_of(drone), surroundings.tracer);
+    trace_beams(targets, drone, surroundings.state, scan(i), surroundings.tracer);
+    if (config_.needs_hits() && surroundings.tracer.is_finished()) read_until(i + 1);
   }
   surroundings.tracer.finish();
-  if (elements_.empty() && !is_rolling()) return;
+  if (config_.needs_hits()) read_until(drones.size());
+  if (!is_rolling()) return;
   const State& state = surroundings.state;
-  for (const DroneIndex drone : drones) {
-    if (!elements_.empty()) read_hits(drone, surroundings, scan_of(drone));
-    if (is_rolling()) motion_.add(drone, pose_of(state, drone), tick_of(drone, state));
-  }
+  for (const DroneIndex drone : drones) motion_.add(drone, pose_of(state, drone), tick_of(drone, state));
 }
 
 // The last column is traced at the reading.
@@ -351,7 +356,7 @@ void Lidar::read_hits(DroneIndex drone, const Surroundings& surroundings, const 
 void Lidar::add_errors(std::span<const DroneIndex> drones, const State& state) {
   if (config_.errors == RangeErrors()) return;
   for (const DroneIndex drone : drones) {
-    const Scan scan = scan_of(drone);
+    const Scan scan = scan_of(drone, drone);
     add_errors(drone, state, scan);
     for_each_output(readings_.truth(), config_.outputs, [&](const auto&, auto& values) {
       for (std::size_t ray = 0; ray < rays_; ++ray) {

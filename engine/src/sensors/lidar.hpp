@@ -84,14 +84,16 @@ class Lidar final : public SensorOf<LidarReadings> {
   }
   // Returns the drone's pose when a column of beams is traced.
   Pose pose_at(const ScanPath& path, std::size_t column) const;
-  Scan scan_of(DroneIndex drone) {
-    const auto row = [&](auto& values) {
-      return values.empty() ? std::span(values) : std::span(values).subspan(drone * rays_, rays_);
+  // slot: the drone whose place its hits take
+  Scan scan_of(DroneIndex drone, DroneIndex slot) {
+    const auto row_of = [&](DroneIndex of, auto& values) {
+      return values.empty() ? std::span(values) : std::span(values).subspan(of * rays_, rays_);
     };
+    const auto row = [&](auto& values) { return row_of(drone, values); };
     LidarReadings& readings = readings_.truth();
     return {.ranges = row(readings.ranges),
-            .elements = row(elements_),
-            .triangles = row(triangles_),
+            .elements = row_of(slot, elements_),
+            .triangles = row_of(slot, triangles_),
             .intensity = row(config_.outputs.intensity ? readings.intensity : cosines_),
             .semantic = row(readings.semantic),
             .instance = row(readings.instance),

@@ -150,8 +150,12 @@ HWY_INLINE Interval<F> interval(const Shape& shape, const Wide3<F>& o, const Wid
   }
 }
 
-// The nearest hits so far of one vector of rays. kNumbered: the elements are needed; otherwise `element` stays -1.
-template <class F, bool kNumbered = true>
+// What the nearest hits need to know of their elements: nothing, or their numbers. These are compared at equal distances, unless
+// the elements come in ascending order.
+enum class Numbers { none, ascending, any };
+
+// The nearest hits so far of one vector of rays. Without numbers, `element` stays -1.
+template <class F, Numbers kNumbers = Numbers::any>
 struct Nearest {
   using I = typename F::Int;
   using M = typename F::Mask;
@@ -164,10 +168,12 @@ struct Nearest {
   // Keeps a hit at a smaller distance; at equal distances the lower element wins. Distances are >= 0.
   HWY_INLINE void take(const Fraction<F>& hit, M valid, std::int32_t number) {
     M nearer = hit < distance;
-    if constexpr (kNumbered) nearer = nearer | ((hit.num * distance.den == distance.num * hit.den) & (number < element));
+    if constexpr (kNumbers == Numbers::any) {
+      nearer = nearer | ((hit.num * distance.den == distance.num * hit.den) & (number < element));
+    }
     nearer = valid & nearer;
     distance = select(nearer, hit, distance);
-    if constexpr (kNumbered) element = select(nearer, number, element);
+    if constexpr (kNumbers != Numbers::none) element = select(nearer, number, element);
   }
 
   // Hits the surface of a solid, from outside or inside, at a distance of at least `near` >= 0.

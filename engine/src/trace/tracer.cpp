@@ -129,16 +129,13 @@ void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride, con
   }
   if (in_view) trace_view(*tile.view, tile.rows, tile.width, is_nothing_near());
   meet_bodies();
-  for (std::size_t row = 0; row < tile.rows; ++row) {
-    const std::size_t first = row * tile.width;
-    const HitRows to = hits.from(row * stride);
-    copy_values(bundle_.t_hit + first, tile.width, ranges + row * stride);
-    if (to.elements != nullptr) copy_values(bundle_.element + first, tile.width, to.elements);
-    if (to.cosines != nullptr) copy_values(bundle_.cosine + first, tile.width, to.cosines);
-    if (to.triangles != nullptr && !near_bodies_.meshes().empty()) {
-      copy_values(details_.triangle + first, tile.width, to.triangles);
-    }
-  }
+  const auto write = [&](const auto* values, auto* to) {
+    for (std::size_t row = 0; row < tile.rows; ++row) copy_values(values + row * tile.width, tile.width, to + row * stride);
+  };
+  write(bundle_.t_hit, ranges);
+  if (hits.elements != nullptr) write(bundle_.element, hits.elements);
+  if (hits.cosines != nullptr) write(bundle_.cosine, hits.cosines);
+  if (hits.triangles != nullptr && !near_bodies_.meshes().empty()) write(details_.triangle, hits.triangles);
 }
 
 void Tracer::finish() {

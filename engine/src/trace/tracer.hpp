@@ -113,6 +113,7 @@ class Tracer {
   // at once. Where two surfaces touch, distances with and without hits may differ by rounding.
   void enqueue(const RayTile& tile, float* ranges, std::size_t stride, const HitRows& hits = {});
   void finish();
+  bool is_finished() const { return for_everything_.rays.count + for_triangles_.rays.count == 0; }  // no rays wait
 
   // Rays of arbitrary origins. The caller sets `near` and, for the first `count` rays, everything except t_hit and element.
   RayBlock& block() { return block_; }
