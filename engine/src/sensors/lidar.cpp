@@ -253,12 +253,13 @@ void Lidar::restored() {
 
 void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
   if (!drones.empty() && !has_scanned()) has_scanned_.store(true, std::memory_order_relaxed);
-  bool has_slices = false;     // this env's drones are in slices
-  std::size_t first_slot = 0;  // of the drones whose hits are not read yet; they take the first places, which stay in the cache
-  const auto scan = [&](std::size_t i) { return scan_of(drones[i], drones[i - first_slot]); };
+  bool has_slices = false;  // this env's drones are in slices
+  // Hits are read whenever no rays wait. They take the places of the first drones, which thus stay in the cache.
+  std::size_t unread = 0;  // the first drone whose hits are not read
+  const auto scan = [&](std::size_t i) { return scan_of(drones[i], drones[i - unread]); };
   const auto read_until = [&](std::size_t end) {
-    for (std::size_t i = first_slot; i < end; ++i) read_hits(drones[i], surroundings, scan(i));
-    first_slot = end;
+    for (std::size_t i = unread; i < end; ++i) read_hits(drones[i], surroundings, scan(i));
+    unread = end;
   };
   for (std::size_t i = 0; i < drones.size(); ++i) {
     const DroneIndex drone = drones[i];

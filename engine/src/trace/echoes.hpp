@@ -29,7 +29,7 @@ struct Echoes {
   }
 
   std::int32_t first_triangle, num_elements;
-  // By element + 1, since the first entry is that of a miss. There are always two whole vectors.
+  // By element + 1, since the first entry is that of a miss. At least 2 kRayPadding entries: small tables are read as a whole.
   std::vector<std::int32_t> ids;
   std::vector<float> reflectance;
   std::vector<float> normal_x, normal_y, normal_z;  // of the triangles; unit, or 0 if the corners lie on a line

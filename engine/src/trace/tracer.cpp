@@ -115,7 +115,7 @@ void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride, con
     if (!in_slice && !in_view) {
       forget_hits(bundle_);
       bundle_.has_cosines = false;  // a primitive may yet take the place of a body
-      meet_bodies();  // before the rays leave the bundle
+      meet_bodies();                // before the rays leave the bundle
       return wait(tile, ranges, stride, hits, for_everything_);
     }
     trace_by_embree();

@@ -19,6 +19,7 @@ BODIES = {20: [1, 1, 1], 21: [0.3, 0.3, 0.9], 22: [0, 0, 0.3], 23: [0.9, 0.9, 0]
 MESH = 24
 REFLECTANCE = {**{key: np.mean(color) for key, color in (COLORS | BODIES).items()}, MESH: 0.7, 65531: 0.4}
 
+
 def all_shapes(*others):
     """A room with a solid of each kind, two meshes and other spheres."""
     return world_of(
