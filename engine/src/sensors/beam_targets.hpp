@@ -29,13 +29,7 @@ struct Scan {
   // What is written to read a part of the beams, without their hits.
   Scan outputs(std::size_t first, std::size_t count) const {
     const auto part = [&](const auto& all) { return all.empty() ? all : all.subspan(first, count); };
-    return {.ranges = part(ranges),
-            .elements = {},
-            .triangles = {},
-            .intensity = part(intensity),
-            .semantic = part(semantic),
-            .instance = part(instance),
-            .edges = {}};
+    return {.ranges = part(ranges), .intensity = part(intensity), .semantic = part(semantic), .instance = part(instance)};
   }
 };
 

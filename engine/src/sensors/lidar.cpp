@@ -276,10 +276,10 @@ void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surr
     }
     if (surroundings.bodies_per_env > 0 && i + 1 < drones.size()) surroundings.bodies_of(drones[i + 1]).shapes.prefetch_balls();
     trace_beams(targets, drone, surroundings.state, scan(i), surroundings.tracer);
-    if (config_.needs_hits() && surroundings.tracer.is_finished()) read_until(i + 1);
+    if (!elements_.empty() && surroundings.tracer.is_finished()) read_until(i + 1);
   }
   surroundings.tracer.finish();
-  if (config_.needs_hits()) read_until(drones.size());
+  if (!elements_.empty()) read_until(drones.size());
   if (!is_rolling()) return;
   const State& state = surroundings.state;
   for (const DroneIndex drone : drones) motion_.add(drone, pose_of(state, drone), tick_of(drone, state));
@@ -296,13 +296,7 @@ void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_er
   const std::size_t hits = has_errors && config_.errors.need_surfaces() ? rays_ : 0;
   std::vector<std::int32_t> elements(hits), triangles(hits);
   std::vector<float> cosines(hits), edges(has_errors && !edges_.empty() ? rays_ : 0);
-  const Scan scan{.ranges = ranges,
-                  .elements = elements,
-                  .triangles = triangles,
-                  .intensity = cosines,
-                  .semantic = {},
-                  .instance = {},
-                  .edges = edges};
+  const Scan scan{.ranges = ranges, .elements = elements, .triangles = triangles, .intensity = cosines, .edges = edges};
   trace_beams(targets, drone, surroundings.state, scan, surroundings.tracer);
   surroundings.tracer.finish();
   if (hits > 0) read_hits(drone, surroundings, scan);

@@ -91,6 +91,7 @@ class Lidar final : public SensorOf<LidarReadings> {
     };
     const auto row = [&](auto& values) { return row_of(drone, values); };
     LidarReadings& readings = readings_.truth();
+    if (elements_.empty()) return {.ranges = row(readings.ranges), .edges = row(edges_)};  // of most LiDARs, so it is fast
     return {.ranges = row(readings.ranges),
             .elements = row_of(slot, elements_),
             .triangles = row_of(slot, triangles_),
