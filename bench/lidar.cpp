@@ -5,8 +5,8 @@
 // 16-gons, as any program that passes triangles to Embree would do. It also runs on analytic user geometry, whose callback is
 // the engine's SIMD kernel.
 // Bare direct: bare_direct-inl.hpp, the minimal code that traces primitives without a tree.
-// Engine: Batch::sense, starting from the poses, and the same with errors of ranges. All variants run in turns. Prints a JSON
-// list of figures.
+// Engine: Batch::sense, starting from the poses, and the same with errors of ranges or with outputs. All variants run in turns.
+// Prints a JSON list of figures.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "lidar.cpp"
 #include <hwy/foreach_target.h>
@@ -187,26 +187,40 @@ std::vector<float> places_of(int num_drones, const flockstep::Batch::Worlds& wor
   return position;
 }
 
-// Compares scans with every error to the same scans without.
-void bench_errors(const std::string& name, const flockstep::LidarConfig& lidar, int num_drones,
+// Compares scans with every error, or with outputs, to the same scans without.
+void bench_extras(const std::string& name, const flockstep::LidarConfig& lidar, int num_drones,
                   const flockstep::Batch::Worlds& worlds, bench::Figures& figures) {
   flockstep::BatchConfig config;
   config.num_envs = num_drones;
   config.num_threads = 1;
-  config.lidars = {lidar};
-  flockstep::Batch exact(config, worlds);
-  config.lidars[0].errors = {
-      .noise_std_m = 0.01F, .noise_per_m = 0.01F, .bias_m = 0.01F, .resolution_m = 0.001F, .min_range_m = 0.1F, .dropout = 0.01F};
-  flockstep::Batch erring(config, worlds);
+  const std::vector<float> places = places_of(num_drones, worlds);
+  std::vector<std::unique_ptr<flockstep::Batch>> batches;
   std::vector<bench::Variant> variants;
-  for (flockstep::Batch* const batch : {&exact, &erring}) {
-    batch->set_pose(places_of(num_drones, worlds), {});
-    variants.push_back({batch == &exact ? "exact" : "erring", [batch] { batch->sense(); }});
-  }
+  const auto add = [&](const std::string& label, const flockstep::LidarOutputs& outputs, const flockstep::RangeErrors& errors) {
+    config.lidars = {lidar};
+    config.lidars[0].outputs = outputs;
+    config.lidars[0].errors = errors;
+    batches.push_back(std::make_unique<flockstep::Batch>(config, worlds));
+    batches.back()->set_pose(places, {});
+    variants.push_back({label, [batch = batches.back().get()] { batch->sense(); }});
+  };
+  add("ranges", {}, {});
+  add("errors", {},
+      {.noise_std_m = 0.01F,
+       .noise_per_m = 0.01F,
+       .bias_m = 0.01F,
+       .resolution_m = 0.001F,
+       .min_range_m = 0.1F,
+       .dropout = 0.01F});
+  add("ids", {.semantic = true, .instance = true}, {});
+  add("intensity", {.intensity = true}, {});
+  add("outputs", {.semantic = true, .instance = true, .intensity = true}, {});
   const flockstep::FlushDenormals flush;
   const bench::Times times = bench::interleave(variants, kRuns);
-  bench::print_rates(name + " with errors", variants, times, static_cast<double>(num_drones), "scans/s");
-  figures.add("lidar/" + name + "/relative_rate_with_errors", bench::ratios(times[0], times[1]), "1");
+  bench::print_rates(name + " with more than ranges", variants, times, static_cast<double>(num_drones), "scans/s");
+  for (std::size_t v = 1; v < variants.size(); ++v) {
+    figures.add("lidar/" + name + "/relative_rate_with_" + variants[v].label, bench::ratios(times[0], times[v]), "1");
+  }
 }
 
 void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, int num_drones,
@@ -344,9 +358,10 @@ int main(int argc, char** argv) {
     for (const auto& world : worlds) meshes.push_back(bench::triangles_of(*world, bench::chord_error(*world)));
     bench_case("mesh_fan35x1024", {}, 1024, meshes, figures);
     bench_case("mesh_grid16x360x256", grid, 256, meshes, figures);
-    bench_errors("fan35x1024", {}, 1024, worlds, figures);
-    bench_errors("grid16x360x256", grid, 256, worlds, figures);
-    bench_errors("office_fan35x1024", {}, 1024, {flockstep::office({})}, figures);
+    bench_extras("fan35x1024", {}, 1024, worlds, figures);
+    bench_extras("grid16x360x256", grid, 256, worlds, figures);
+    bench_extras("office_fan35x1024", {}, 1024, {flockstep::office({})}, figures);
+    bench_extras("office_grid16x360x256", grid, 256, {flockstep::office({})}, figures);
   }
   figures.print();
 }

@@ -128,6 +128,12 @@ struct Wide {
   static HWY_INLINE Wide gather(const T* table, Int index) {
     FLOCKSTEP_EACH_PART(Wide, hn::GatherIndex(D(), table, index.part[p]));
   }
+  // The same for a table of 2 kLanes numbers, which is read as a whole. That is much faster.
+  static HWY_INLINE Wide look_up(const T* table, Int index) {
+    constexpr auto kHalf = static_cast<typename Int::T>(kLanes);
+    const Int lane = index & (kHalf - 1);
+    return select(index < kHalf, shuffled(table, lane), shuffled(table + kLanes, lane));
+  }
   // 0, 1, 2, ...
   static HWY_INLINE Wide iota() { FLOCKSTEP_EACH_PART(Wide, hn::Iota(D(), static_cast<T>(p * kLanes))); }
   HWY_INLINE void store(T* to) const {
@@ -135,6 +141,13 @@ struct Wide {
   }
   HWY_INLINE void store_unaligned(T* to) const {
     for (std::size_t p = 0; p < kParts; ++p) hn::StoreU(part[p], D(), to + p * kLanes);
+  }
+  // Stores the first n numbers and writes no others.
+  HWY_INLINE void store_first(std::size_t n, T* to) const {
+    if (n >= kCount) return store_unaligned(to);
+    for (std::size_t p = 0; p < kParts; ++p) {
+      hn::BlendedStore(part[p], hn::FirstN(D(), n > p * kLanes ? n - p * kLanes : 0), D(), to + p * kLanes);
+    }
   }
 
   friend HWY_INLINE Wide operator+(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Add(a.part[p], b.part[p])); }
@@ -200,6 +213,10 @@ struct Wide {
 
  private:
   using MaskTag = hn::RebindToSigned<D>;
+
+  static HWY_INLINE Wide shuffled(const T* lanes, Int lane) {
+    FLOCKSTEP_EACH_PART(Wide, hn::TableLookupLanes(hn::LoadU(D(), lanes), hn::IndicesFromVec(D(), lane.part[p])));
+  }
 };
 
 // One vector of floats, with the target's width but at most kMax lanes. A loop over an array advances by kCount.

@@ -78,6 +78,7 @@ void build_ahead(const World& world, const BatchConfig& config) {
     scene.prepare_tiles(world.triangles());
   }
   if (config.tracer == TracerKind::embree) scene.prepare_embree();
+  if (std::ranges::any_of(config.lidars, &LidarConfig::needs_hits)) scene.prepare_echoes();
   prepared(world).obstacles();
   bodies::models_of(world);
   for (const CameraConfig& camera : config.cameras) prepared(world).shading(camera.shadows);

@@ -76,12 +76,6 @@ class Lidar final : public SensorOf<LidarReadings> {
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
 
-  // The traced rays of one drone; hits and edges are empty if not needed.
-  struct Scan {
-    std::span<float> ranges;
-    std::span<trace::RayHit> hits;
-    std::span<float> edges;  // ranges of the rays at the edges of the beams
-  };
   bool is_rolling() const { return config_.scan_time_s > 0.0F; }
   std::int64_t tick_of(DroneIndex drone, const State& state) const {
     return state.tick[RandomKey::of(drone, drones_per_env_).env];
@@ -92,18 +86,28 @@ class Lidar final : public SensorOf<LidarReadings> {
   }
   // Returns the drone's pose when a column of beams is traced.
   Pose pose_at(const PosePath& path, std::size_t column) const;
-  Scan scan_of(DroneIndex drone) {
-    const auto row = [&](auto& values, bool is_needed) {
-      return is_needed ? std::span(values).subspan(drone * rays_, rays_) : std::span(values).first(0);
+  // slot: the drone whose place its hits take
+  Scan scan_of(DroneIndex drone, DroneIndex slot) {
+    const auto row = [&](DroneIndex of, auto& values, bool is_needed = true) {
+      return is_needed && !values.empty() ? std::span(values).subspan(of * rays_, rays_) : std::span(values).first(0);
     };
-    return {row(readings_.truth().ranges, true),
-            row(hits_, !hits_.empty() && (config_.outputs.any() || errors_of(drone).need_surfaces())),
-            row(edges_, !edges_.empty() && errors_of(drone).divergence_mrad > 0.0F)};
+    LidarReadings& readings = readings_.truth();
+    if (elements_.empty() && edges_.empty()) return {.ranges = row(drone, readings.ranges)};  // of most LiDARs, so it is fast
+    const RangeErrors& errors = errors_of(drone);
+    const bool has_hits = config_.outputs.any() || errors.need_surfaces();
+    return {
+        .ranges = row(drone, readings.ranges),
+        .elements = row(slot, elements_, has_hits),
+        .triangles = row(slot, triangles_, has_hits),
+        .intensity = config_.outputs.intensity ? row(drone, readings.intensity) : row(drone, cosines_, errors.need_surfaces()),
+        .semantic = row(drone, readings.semantic),
+        .instance = row(drone, readings.instance),
+        .edges = row(drone, edges_, errors.divergence_mrad > 0.0F)};
   }
   void trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                    trace::Tracer& tracer) const;
-  // Drops beams that the errors lose at the surfaces that they hit. Writes the outputs of the others unless `readings` is null.
-  void look_at(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan, LidarReadings* readings) const;
+  // Drops beams that the errors lose at the surfaces that they hit, and writes the outputs of the others.
+  void read_hits(DroneIndex drone, const Surroundings& surroundings, const Scan& scan) const;
   void add_errors(DroneIndex drone, const State& state, const Scan& scan) const;
   // Throws std::invalid_argument if a drone's setting is invalid, or needs memory that the LiDAR does not have.
   void check_setting(const LidarConfig& config) const;
@@ -116,9 +120,9 @@ class Lidar final : public SensorOf<LidarReadings> {
   std::size_t rays_;
   std::uint32_t number_;  // number among the drone's LiDARs; each has its own errors
   DroneSettings<LidarConfig, BeamOptics> settings_;
-  // (N, rays) of the scans in progress; empty if not needed
-  std::vector<trace::RayHit> hits_;
-  std::vector<float> edges_;
+  // (N, rays) of the scans in progress; empty if not needed. Intensities are in the place of their cosines.
+  std::vector<std::int32_t> elements_, triangles_;
+  std::vector<float> cosines_, edges_;
   bool errs_;          // some drone has, or had, errors
   float scan_ticks_;   // ticks that a scan takes
   ScanMotion motion_;  // of no drones unless scans take time

@@ -20,8 +20,8 @@ using Rays = WideUpTo<kRayPadding>;
 using Rays3 = Wide3<Rays>;
 
 // A hit at exactly the range counts; a hit at infinity does not.
-template <bool kNumbered>
-HWY_INLINE void store(const Nearest<Rays, kNumbered>& nearest, Rays range, float* t_hit, std::int32_t* element) {
+template <Numbers kNumbers>
+HWY_INLINE void store(const Nearest<Rays, kNumbers>& nearest, Rays range, float* t_hit, std::int32_t* element) {
   const Rays metres = nearest.metres();
   const Rays::Mask hit = (metres <= range) & (metres < kInfinity);
   select(hit, metres, kInfinity).store(t_hit);
@@ -29,10 +29,10 @@ HWY_INLINE void store(const Nearest<Rays, kNumbered>& nearest, Rays range, float
 }
 
 // Hits the first wall that a ray from inside the room reaches. Walls out of range are skipped.
-template <bool kNumbered>
-HWY_INLINE void leave_room(const Candidate& room, const Rays3& o, const Rays3& direction, Nearest<Rays, kNumbered>& nearest) {
+template <Numbers kNumbers>
+HWY_INLINE void leave_room(const Candidate& room, const Rays3& o, const Rays3& direction, Nearest<Rays, kNumbers>& nearest) {
   const float* const half = room.shape->half_extents;
-  Fraction<Rays> first{kInfinity, 1.0F};
+  Fraction<Rays> first{kInfinity, 1.0F, 0.0F};
   if (room.walls[0]) first = min(first, slab_exit(o.x, direction.x, half[0]));
   if (room.walls[1]) first = min(first, slab_exit(o.y, direction.y, half[1]));
   if (room.walls[2]) first = min(first, slab_exit(o.z, direction.z, half[2]));
@@ -61,8 +61,8 @@ std::size_t select_seen(std::span<const Candidate> candidates, std::size_t max_s
 }
 
 // Intersects one vector of rays with a candidate.
-template <bool kNumbered>
-HWY_INLINE void intersect(const Candidate& candidate, const Rays3& direction, Rays near, Nearest<Rays, kNumbered>& nearest) {
+template <Numbers kNumbers>
+HWY_INLINE void intersect(const Candidate& candidate, const Rays3& direction, Rays near, Nearest<Rays, kNumbers>& nearest) {
   const Shape& shape = *candidate.shape;
   const auto& local = candidate.local_origin;
   const Rays3 o{local[0], local[1], local[2]};
@@ -81,16 +81,32 @@ HWY_INLINE void intersect(const Candidate& candidate, const Rays3& direction, Ra
 }
 
 // kNearer: only hits nearer than t_hit count.
-template <bool kNumbered, bool kNearer>
+template <Numbers kNumbers, bool kCosines, bool kNearer>
 void intersect_all(std::span<const Candidate* const> seen, RayBundle& rays) {
   const Rays near = rays.near, range = rays.range;
   for (std::size_t i = 0; i < rays.count; i += Rays::kCount) {
     const Rays3 direction = rotate(rays.rotation, Rays3::load_unaligned(rays.x + i, rays.y + i, rays.z + i));
-    Nearest<Rays, kNumbered> nearest;
-    if constexpr (kNearer) nearest = {Rays::load(rays.t_hit + i), Rays::Int::load(rays.element + i)};
+    Nearest<Rays, kNumbers> nearest;
+    if constexpr (kNearer) {
+      nearest = {Rays::load(rays.t_hit + i), Rays::Int::load(rays.element + i)};
+      if constexpr (kCosines) nearest.distance.cosine = Rays::load(rays.cosine + i);
+    }
     for (const Candidate* const candidate : seen) intersect(*candidate, direction, near, nearest);
     store(nearest, range, rays.t_hit + i, rays.element + i);
+    if constexpr (kCosines) nearest.distance.cosine.store(rays.cosine + i);
   }
+}
+
+template <Numbers kNumbers, bool kNearer>
+HWY_INLINE void intersect_numbered(std::span<const Candidate* const> seen, RayBundle& rays) {
+  rays.has_cosines ? intersect_all<kNumbers, true, kNearer>(seen, rays) : intersect_all<kNumbers, false, kNearer>(seen, rays);
+}
+
+bool is_ascending(std::span<const Candidate* const> seen) {
+  for (std::size_t i = 1; i < seen.size(); ++i) {
+    if (seen[i]->element < seen[i - 1]->element) return false;
+  }
+  return true;
 }
 
 template <bool kNearer>
@@ -103,7 +119,13 @@ HWY_INLINE bool trace_seen(std::span<const Candidate> candidates, std::size_t ma
     count = select_seen(candidates, max_seen, rays, seen);
     if (count > max_seen) return false;
   }
-  rays.numbered ? intersect_all<true, kNearer>({seen, count}, rays) : intersect_all<false, kNearer>({seen, count}, rays);
+  if (!rays.numbered) {
+    intersect_all<Numbers::none, false, kNearer>({seen, count}, rays);
+  } else if (!kNearer && is_ascending({seen, count})) {  // as in all worlds of few shapes
+    intersect_numbered<Numbers::ascending, kNearer>({seen, count}, rays);
+  } else {
+    intersect_numbered<Numbers::any, kNearer>({seen, count}, rays);
+  }
   return true;
 }
 

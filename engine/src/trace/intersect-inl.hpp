@@ -27,15 +27,16 @@ using namespace flockstep::HWY_NAMESPACE;  // the wide type, F here
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-// num / den with den >= 0; x / 0 is infinite, with the sign of x.
+// A distance at which a ray meets a surface: num / den with den >= 0; x / 0 is infinite, with the sign of x. Its cosine is the
+// magnitude of that between the ray and the surface's normal, if the direction is unit. It costs nothing where it is not read.
 template <class F>
 struct Fraction {
-  F num, den;
+  F num, den, cosine;
 
   friend HWY_INLINE typename F::Mask operator<(const Fraction& a, const Fraction& b) { return a.num * b.den < b.num * a.den; }
   friend HWY_INLINE typename F::Mask operator>=(const Fraction& a, F b) { return a.num >= b * a.den; }
   friend HWY_INLINE Fraction select(typename F::Mask mask, const Fraction& yes, const Fraction& no) {
-    return {select(mask, yes.num, no.num), select(mask, yes.den, no.den)};
+    return {select(mask, yes.num, no.num), select(mask, yes.den, no.den), select(mask, yes.cosine, no.cosine)};
   }
   friend HWY_INLINE Fraction min(const Fraction& a, const Fraction& b) { return select(b < a, b, a); }
   friend HWY_INLINE Fraction max(const Fraction& a, const Fraction& b) { return select(a < b, b, a); }
@@ -65,7 +66,8 @@ HWY_INLINE Interval<F> hull(const Interval<F>& a, const Interval<F>& b) {
 // Returns the distance at which a ray that starts within [-half, half] leaves it: at the face that it moves towards.
 template <class F>
 HWY_INLINE Fraction<F> slab_exit(F origin, F direction, float half) {
-  return {half - flip_sign(origin, direction), abs(direction)};  // origin, measured in the ray's direction
+  const F speed = abs(direction);
+  return {half - flip_sign(origin, direction), speed, speed};  // origin, measured in the ray's direction
 }
 
 // Returns the interval of t in which o + t d lies within [-half, half].
@@ -76,8 +78,8 @@ HWY_INLINE Interval<F> slab(F origin, F direction, float half) {
   const F speed = abs(direction);
   const auto parallel = speed == 0.0F;  // always or never inside
   const F den = select(parallel, 1.0F, speed);
-  return {{select(parallel, -kInfinity, -(h + along)), den},
-          {select(parallel, kInfinity, h - along), den},
+  return {{select(parallel, -kInfinity, -(h + along)), den, speed},
+          {select(parallel, kInfinity, h - along), den, speed},
           ~parallel | (abs(origin) <= h)};
 }
 
@@ -89,15 +91,16 @@ HWY_INLINE Interval<F> box_interval(const Wide3<F>& o, const Wide3<F>& dir, cons
 // Returns the interval of t with |o + t d| <= r: the roots (-o.d -+ sqrt(r^2 d.d - |o x d|^2)) / d.d of a quadratic. The
 // distance of the line from the centre comes from a cross product instead of o.o - (o.d)^2 / d.d. That avoids a difference of
 // two large squares and keeps thin, distant primitives exact. `hits` is false if the ball is missed or entirely behind the
-// origin.
+// origin. The cosine of a unit direction is that of half the chord to the radius.
 template <class F>
 HWY_INLINE Interval<F> ball(F o_dot_d, F d_dot_d, F cross_squared, float radius) {
   const F square = radius * radius * d_dot_d - cross_squared;
   const auto ahead = (o_dot_d < 0.0F) | (square >= o_dot_d * o_dot_d);
   const auto hits = (square >= 0.0F) & ahead;
-  if (none(hits)) return {{0.0F, d_dot_d}, {0.0F, d_dot_d}, hits};
+  if (none(hits)) return {{0.0F, d_dot_d, 0.0F}, {0.0F, d_dot_d, 0.0F}, hits};
   const F half_chord = sqrt(max(square, 0.0F));
-  return {{-o_dot_d - half_chord, d_dot_d}, {half_chord - o_dot_d, d_dot_d}, hits};
+  const F cosine = half_chord * (1.0F / radius);
+  return {{-o_dot_d - half_chord, d_dot_d, cosine}, {half_chord - o_dot_d, d_dot_d, cosine}, hits};
 }
 
 template <class F>
@@ -116,8 +119,8 @@ HWY_INLINE Interval<F> cylinder_interval(const Wide3<F>& o, const Wide3<F>& dir,
   // A ray parallel to the axis is always or never inside the circle. A deviation below 1e-12 rad counts as parallel: it moves
   // the ray by at most 1e-6 m over 1000 km, and radius^2 d.d of the smallest radius, 1e-6 m, would soon be flushed to 0.
   const auto parallel = d_dot_d <= 1e-24F;
-  circle.enter = select(parallel, {-kInfinity, 1.0F}, circle.enter);
-  circle.exit = select(parallel, {kInfinity, 1.0F}, circle.exit);
+  circle.enter = select(parallel, {-kInfinity, 1.0F, 0.0F}, circle.enter);
+  circle.exit = select(parallel, {kInfinity, 1.0F, 0.0F}, circle.exit);
   circle.hits = circle.hits & (~parallel | (o.x * o.x + o.y * o.y <= radius * radius));
   return intersection(circle, slab(o.z, dir.z, half_height));
 }
@@ -147,8 +150,12 @@ HWY_INLINE Interval<F> interval(const Shape& shape, const Wide3<F>& o, const Wid
   }
 }
 
-// The nearest hits so far of one vector of rays. kNumbered: the elements are needed; otherwise `element` stays -1.
-template <class F, bool kNumbered = true>
+// What the nearest hits need to know of their elements: nothing, or their numbers. These are compared at equal distances, unless
+// the elements come in ascending order.
+enum class Numbers { none, ascending, any };
+
+// The nearest hits so far of one vector of rays. Without numbers, `element` stays -1.
+template <class F, Numbers kNumbers = Numbers::any>
 struct Nearest {
   using I = typename F::Int;
   using M = typename F::Mask;
@@ -156,15 +163,17 @@ struct Nearest {
   I element;             // -1 without a hit
 
   HWY_INLINE Nearest() : Nearest(kInfinity, -1) {}
-  HWY_INLINE Nearest(F metres, I number) : distance{metres, 1.0F}, element(number) {}
+  HWY_INLINE Nearest(F metres, I number) : distance{metres, 1.0F, 0.0F}, element(number) {}
 
   // Keeps a hit at a smaller distance; at equal distances the lower element wins. Distances are >= 0.
   HWY_INLINE void take(const Fraction<F>& hit, M valid, std::int32_t number) {
     M nearer = hit < distance;
-    if constexpr (kNumbered) nearer = nearer | ((hit.num * distance.den == distance.num * hit.den) & (number < element));
+    if constexpr (kNumbers == Numbers::any) {
+      nearer = nearer | ((hit.num * distance.den == distance.num * hit.den) & (number < element));
+    }
     nearer = valid & nearer;
     distance = select(nearer, hit, distance);
-    if constexpr (kNumbered) element = select(nearer, number, element);
+    if constexpr (kNumbers != Numbers::none) element = select(nearer, number, element);
   }
 
   // Hits the surface of a solid, from outside or inside, at a distance of at least `near` >= 0.
@@ -190,10 +199,11 @@ struct Nearest {
     const F square = radius * radius * d_dot_d - cross * cross;
     const M ahead = (square >= 0.0F) & (o_dot_d < 0.0F);
     if (none(ahead)) return;
-    const F enter = -o_dot_d - sqrt(max(square, 0.0F));
+    const F half_chord = sqrt(max(square, 0.0F));
+    const F enter = -o_dot_d - half_chord;
     const F height = o.z * d_dot_d + enter * dir.z;  // times d.d, like `enter`
     const M valid = ahead & (abs(height) <= half_height * d_dot_d);
-    if (!none(valid)) take({enter, d_dot_d}, valid, number);
+    if (!none(valid)) take({enter, d_dot_d, half_chord * (1.0F / radius)}, valid, number);
   }
 
   // m; inf without a hit.

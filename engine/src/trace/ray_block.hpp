@@ -33,10 +33,13 @@ struct RayBundle {
   const float *x, *y, *z;       // (count + kRayPadding,) directions, sensor frame
   const Frustum* frustum;       // contains the directions, sensor frame
   bool numbered = true;         // elements are needed, not only distances; read by trace_direct() only
+  bool has_cosines = false;     // cosines are needed, too, and directions are unit; read by trace_direct() only
   bool is_rectangle = false;    // directions (1, u, v) of a grid with rows of 16: all lie between its four corners
   bool no_hits_yet = false;     // no hits so far, t_hit and element are uninitialised; read by mesh_tiles.hpp only
   alignas(64) RayFloats t_hit;  // inf on a miss; written by tracing
   alignas(64) RayInts element;  // index as in raycast(), -1 on a miss; written by tracing
+  // Of the angles to the normals of solids, if it has them; those of other hits and of misses mean nothing.
+  alignas(64) RayFloats cosine;
 
   Vec3 direction(std::size_t i) const { return rotated(rotation, {x[i], y[i], z[i]}); }  // world frame
 };

@@ -278,6 +278,11 @@ void Scene::prepare_tiles(const TriangleMesh& mesh) const {
   if (num_triangles_ >= kManyTriangles) give_back_freed_memory();
 }
 
+void Scene::prepare_echoes() const {
+  const std::lock_guard lock(prepared_mutex_);
+  if (!echoes_) echoes_ = std::make_unique<const Echoes>(*world_);
+}
+
 void Scene::prepare_embree() const {
   if (embree_primitives_) return;
   const std::lock_guard lock(prepared_mutex_);

@@ -18,6 +18,7 @@
 #include "flockstep/world.hpp"
 #include "trace/calibrated.hpp"
 #include "trace/direct.hpp"
+#include "trace/echoes.hpp"
 #include "trace/embree.hpp"
 #include "trace/masks.hpp"
 #include "trace/mesh_tree.hpp"
@@ -69,6 +70,9 @@ class Scene {
   void prepare_tiles(const TriangleMesh& mesh) const;
   const MeshTree* tiles() const { return tiles_.get(); }                     // null before prepare_tiles() or without triangles
   const Masks* masks() const { return masks_.empty() ? nullptr : &masks_; }  // masks of the triangles, or null
+  // Builds what LiDARs with more than ranges read, unless it exists. Call this before echoes().
+  void prepare_echoes() const;
+  const Echoes* echoes() const { return echoes_.get(); }  // null before prepare_echoes()
   // Builds the Embree scene for intersect_primitives(), unless it exists. Rooms are never in it, since every ray hits them.
   void prepare_embree() const;
   // Returns true if a LiDAR may need Embree: for triangles, or for more primitives than are traced directly.
@@ -123,6 +127,7 @@ class Scene {
   mutable std::mutex prepared_mutex_;
   mutable std::unique_ptr<const EmbreePrimitives> prepared_embree_primitives_;  // null until prepared
   mutable std::unique_ptr<const MeshTree> tiles_;                               // null until prepared
+  mutable std::unique_ptr<const Echoes> echoes_;                                // null until prepared
   const World* world_;
 };
 

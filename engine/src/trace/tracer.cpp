@@ -17,14 +17,18 @@ template <class Rays>
 void forget_hits(Rays& rays) {
   std::fill_n(rays.t_hit, rays.count, std::numeric_limits<float>::infinity());
   std::fill_n(rays.element, rays.count, -1);
+  if constexpr (requires { rays.cosine; }) {
+    if (rays.has_cosines) std::fill_n(rays.cosine, rays.count, HitRows::kNoCosine);
+  }
 }
 
 // Copies values that SIMD code has just stored. Each copied piece lies within one of these stores, so the processor can forward
 // it. Otherwise the load would wait until the stores reach the cache.
-void copy_ranges(const float* from, std::size_t count, float* to) {
+template <class T>
+void copy_values(const T* from, std::size_t count, T* to) {
   constexpr std::size_t kPiece = 4;
   std::size_t i = 0;
-  for (; i + kPiece <= count; i += kPiece) std::memcpy(to + i, from + i, kPiece * sizeof(float));
+  for (; i + kPiece <= count; i += kPiece) std::memcpy(to + i, from + i, kPiece * sizeof(T));
   switch (count - i) {
     case 3:
       to[i + 2] = from[i + 2];
@@ -86,10 +90,11 @@ void Tracer::set_viewpoint(const Scene& scene, const Viewpoint& viewpoint) {
 
 const RayBundle& Tracer::trace(const RayTile& tile) {
   bundle_.numbered = true;
+  bundle_.has_cosines = false;
   bundle_.no_hits_yet = tree_ != nullptr && candidates_.triangles && is_nothing_near();
   if (bundle_.no_hits_yet) {
     aim(tile);
-  } else if (!trace_candidates(tile, true)) {
+  } else if (!trace_candidates(tile)) {
     trace_by_embree();
   }
   if (candidates_.triangles && tree_ != nullptr) {
@@ -101,13 +106,16 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
   return bundle_;
 }
 
-void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride, RayHit* hits) {
+void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride, const HitRows& hits) {
+  bundle_.numbered = hits.elements != nullptr;
+  bundle_.has_cosines = hits.cosines != nullptr;
   const bool in_slice = sliced_ != nullptr && tile.fan != nullptr && candidates_.triangles;
   const bool in_view = !in_slice && tree_ != nullptr && tile.view != nullptr && candidates_.triangles;
-  if (!trace_candidates(tile, hits != nullptr)) {
+  if (!trace_candidates(tile)) {
     if (!in_slice && !in_view) {
       forget_hits(bundle_);
-      meet_bodies();  // before the rays leave the bundle
+      bundle_.has_cosines = false;  // a primitive may yet take the place of a body
+      meet_bodies();                // before the rays leave the bundle
       return wait(tile, ranges, stride, hits, for_everything_);
     }
     trace_by_embree();
@@ -121,14 +129,13 @@ void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride, Ray
   }
   if (in_view) trace_view(*tile.view, tile.rows, tile.width, is_nothing_near());
   meet_bodies();
-  for (std::size_t row = 0; row < tile.rows; ++row) {
-    const std::size_t first = row * tile.width;
-    copy_ranges(bundle_.t_hit + first, tile.width, ranges + row * stride);
-    if (hits == nullptr) continue;
-    for (std::size_t i = 0; i < tile.width; ++i) {
-      hits[row * stride + i] = {bundle_.element[first + i], details_.triangle[first + i]};
-    }
-  }
+  const auto write = [&](const auto* values, auto* to) {
+    for (std::size_t row = 0; row < tile.rows; ++row) copy_values(values + row * tile.width, tile.width, to + row * stride);
+  };
+  write(bundle_.t_hit, ranges);
+  if (hits.elements != nullptr) write(bundle_.element, hits.elements);
+  if (hits.cosines != nullptr) write(bundle_.cosine, hits.cosines);
+  if (hits.triangles != nullptr && !near_bodies_.meshes().empty()) write(details_.triangle, hits.triangles);
 }
 
 void Tracer::finish() {
@@ -165,9 +172,8 @@ void Tracer::aim(const RayTile& tile) {
   bundle_.is_rectangle = tile.is_rectangle;
 }
 
-bool Tracer::trace_candidates(const RayTile& tile, bool numbered) {
+bool Tracer::trace_candidates(const RayTile& tile) {
   aim(tile);
-  bundle_.numbered = numbered;
   if (is_nothing_near()) {
     forget_hits(bundle_);
     return true;
@@ -291,14 +297,18 @@ void Tracer::note(std::size_t rays, std::size_t packets) {
 }
 
 // Adds the bundle's rays, with their hits so far, to the waiting ones.
-void Tracer::wait(const RayTile& tile, float* ranges, std::size_t stride, RayHit* hits, Waiting& waiting) {
+void Tracer::wait(const RayTile& tile, float* ranges, std::size_t stride, const HitRows& hits, Waiting& waiting) {
   for (std::size_t row = 0; row < tile.rows; ++row) {
     for (std::size_t ray = 0; ray < tile.width;) {
       const std::size_t count = std::min(kMaxRays - waiting.rays.count, tile.width - ray);
       const std::size_t first = row * tile.width + ray, to = row * stride + ray;
       append(bundle_, first, count, waiting.rays);
-      waiting.segments[waiting.num_segments++] = {ranges + to, hits == nullptr ? nullptr : hits + to, count};
-      for (std::size_t i = 0; hits != nullptr && i < count; ++i) hits[to + i].triangle = details_.triangle[first + i];
+      const HitRows row = hits.from(to);
+      waiting.segments[waiting.num_segments++] = {ranges + to, row.elements, count};
+      if (row.triangles != nullptr && !near_bodies_.meshes().empty()) {
+        std::copy_n(details_.triangle + first, count, row.triangles);
+      }
+      if (row.cosines != nullptr) std::copy_n(bundle_.cosine + first, count, row.cosines);
       if (waiting.rays.count == kMaxRays) deliver(waiting);
       ray += count;
     }
@@ -313,9 +323,7 @@ void Tracer::deliver(Waiting& waiting) {
   std::size_t first = 0;
   for (const Waiting::Segment& segment : std::span(waiting.segments).first(waiting.num_segments)) {
     std::copy_n(waiting.rays.t_hit + first, segment.count, segment.ranges);
-    for (std::size_t i = 0; segment.hits != nullptr && i < segment.count; ++i) {
-      segment.hits[i].element = waiting.rays.element[first + i];
-    }
+    if (segment.elements != nullptr) std::copy_n(waiting.rays.element + first, segment.count, segment.elements);
     first += segment.count;
   }
   waiting.rays.count = waiting.num_segments = 0;

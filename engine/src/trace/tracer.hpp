@@ -67,12 +67,20 @@ struct RayTile {
   bool is_rectangle = false;                  // see RayBundle
 };
 
-// The hit of a ray of enqueue().
-struct RayHit {
-  std::int32_t element;   // as in RayBundle; bodies have the numbers that their Bodies give them
-  std::int32_t triangle;  // its number in the mesh of a body; meaningless for other hits
+// Where enqueue() writes the hits of rays. Null: they are not needed.
+struct HitRows {
+  static constexpr float kNoCosine = -1.0F;
 
-  friend bool operator==(const RayHit&, const RayHit&) = default;
+  std::int32_t* elements = nullptr;   // as in RayBundle; bodies have the numbers that their Bodies give them
+  std::int32_t* triangles = nullptr;  // with elements: numbers in the meshes of bodies; not written for other hits
+  // With elements: cosines of the angles between rays, which are unit, and normals. Only for hits on solids, and kNoCosine for
+  // those not traced directly. What is written for other hits means nothing.
+  float* cosines = nullptr;
+
+  HitRows from(std::size_t first) const {
+    const auto after = [&](auto* row) { return row == nullptr ? nullptr : row + first; };
+    return {after(elements), after(triangles), after(cosines)};
+  }
 };
 
 // Counts of rays and packets that Embree traced against triangles, shadow rays included.
@@ -100,11 +108,12 @@ class Tracer {
   // readable up to a multiple of 4 rows.
   const RayBundle& trace(const RayTile& tile);
 
-  // Writes the distances of a tile, row by row, to ranges, ranges + stride and so on, and its hits alike unless hits is null.
+  // Writes the distances of a tile, row by row, to ranges, ranges + stride and so on, and its hits alike.
   // Rays for Embree wait until they fill a block with those of other sensors; finish() traces the rest. All others are written
   // at once. Where two surfaces touch, distances with and without hits may differ by rounding.
-  void enqueue(const RayTile& tile, float* ranges, std::size_t stride, RayHit* hits = nullptr);
+  void enqueue(const RayTile& tile, float* ranges, std::size_t stride, const HitRows& hits = {});
   void finish();
+  bool is_finished() const { return for_everything_.rays.count + for_triangles_.rays.count == 0; }  // no rays wait
 
   // Rays of arbitrary origins. The caller sets `near` and, for the first `count` rays, everything except t_hit and element.
   RayBlock& block() { return block_; }
@@ -126,7 +135,7 @@ class Tracer {
   struct Waiting {
     struct Segment {  // consecutive rays, and the destinations of their distances and hits
       float* ranges;
-      RayHit* hits;  // may be null
+      std::int32_t* elements;  // may be null
       std::size_t count;
     };
     RayBlock rays;
@@ -136,7 +145,7 @@ class Tracer {
 
   void aim(const RayTile& tile);                                                           // sets the bundle to the tile's rays
   bool is_nothing_near() const { return candidates_.count == 0 && !candidates_.crowded; }  // except triangles
-  bool trace_candidates(const RayTile& tile, bool numbered);                               // false if there are too many
+  bool trace_candidates(const RayTile& tile);                                              // false if there are too many
   void trace_by_embree();                                                                  // if trace_candidates() failed
   void trace_view(const TileView& view, std::size_t rows, std::size_t width, bool no_hits_yet);
   void meet_primitives(RayBlock& rays) const;
@@ -145,7 +154,7 @@ class Tracer {
   void meet_mesh(const PosedMesh& mesh);
   void meet_mesh(const PosedMesh& mesh, const RayTile& picture);
   void note(std::size_t rays, std::size_t packets);  // adds to embree_use_ unless packets is 0
-  void wait(const RayTile& tile, float* ranges, std::size_t stride, RayHit* hits, Waiting& waiting);
+  void wait(const RayTile& tile, float* ranges, std::size_t stride, const HitRows& hits, Waiting& waiting);
   void deliver(Waiting& waiting);
 
   const Scene* scene_ = nullptr;      // scene of the sensor

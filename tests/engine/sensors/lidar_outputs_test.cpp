@@ -1,5 +1,7 @@
 #include "batch_helpers.hpp"
+#include "bundles.hpp"
 #include "flockstep/sensors/lidar.hpp"
+#include "on_target.hpp"
 
 namespace flockstep {
 namespace {
@@ -22,6 +24,33 @@ TEST(LidarScan, IsTheReadingOfItsDrone) {
     EXPECT_TRUE(same_bits(ranges, row(batch.lidar().readings().ranges, drone, 400))) << drone;
     EXPECT_GT(std::ranges::count(ranges, kInfinity), 100) << drone;
   }
+}
+
+// A table of the playground's surfaces is one of few entries or of many, depending on the target. No row of beams is a whole
+// number of vectors.
+TEST(LidarOutputs, HaveTheSameBitsOnEverySimdTarget) {
+  LidarConfig lidar{.channels = 5, .beams = 37, .hfov_deg = 360.0F, .vfov_deg = 60.0F, .max_range_m = 8.0F};
+  lidar.outputs = {.semantic = true, .instance = true, .intensity = true};
+  lidar.errors.min_intensity = 0.005F;
+  Random random(11);
+  const Poses poses = random_poses(random, 6, {4.5F, 3.5F, 2.5F});
+  const Batch::Worlds worlds{playground("train-1"), make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {6, 6, 6}),
+                                                                primitive(PrimitiveKind::capsule, {2, 1, 0}, {0.5F, 0.5F, 2})},
+                                                               {}, soup(random, 200))};
+  std::optional<LidarReadings> first;
+  on_every_target([&] {
+    Batch batch(lidar_batch(6, lidar), worlds);
+    batch.set_pose(poses.position, poses.quat_wxyz);
+    batch.sense();
+    const LidarReadings& readings = batch.lidar().readings();
+    if (!first) first = readings;
+    EXPECT_TRUE(same_bits(readings.ranges, first->ranges));
+    EXPECT_TRUE(same_bits(readings.intensity, first->intensity));
+    EXPECT_EQ(readings.semantic, first->semantic);
+    EXPECT_EQ(readings.instance, first->instance);
+  });
+  EXPECT_GT(std::ranges::count_if(first->intensity, [](float intensity) { return intensity > 0.0F; }), 300);
+  EXPECT_GT(std::ranges::count(first->instance, 0), 10);
 }
 
 TEST(LidarOutputs, NeedANumberForEachObject) {

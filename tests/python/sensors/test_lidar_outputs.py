@@ -19,28 +19,36 @@ BODIES = {20: [1, 1, 1], 21: [0.3, 0.3, 0.9], 22: [0, 0, 0.3], 23: [0.9, 0.9, 0]
 MESH = 24
 REFLECTANCE = {**{key: np.mean(color) for key, color in (COLORS | BODIES).items()}, MESH: 0.7, 65531: 0.4}
 
-WORLD = world_of(
-    name="all shapes",
-    materials={f"m{key}": {"base_color": color, "semantic": key} for key, color in COLORS.items()},
-    room={"min": [-5, -5, 0], "max": [5, 5, 4], "material": "m7"},
-    boxes=[{"center": [2, -1, 1], "size": [1, 2, 0.5], "quat_wxyz": [0.96, 0, 0.28, 0], "material": "m8"}],
-    cylinders=[
-        {"center": [-2, -1, 1.5], "radius": 0.5, "height": 2, "quat_wxyz": [0.8, 0.6, 0, 0], "material": "m9"},
-        {"center": [-4, -4, 2], "radius": 0.5, "height": 4, "material": "m10"},
-    ],
-    spheres=[{"center": [1, -3, 2], "radius": 0.7, "material": "m9"}],
-    capsules=[{"center": [-3, 0, 1.2], "radius": 0.3, "height": 1.6, "material": "m8"}],
-    planes=[{"center": [0, 3, 2], "size": [2, 1], "quat_wxyz": [0.6, 0.8, 0, 0], "material": "m8"}],
-    discs=[{"center": [4, 0, 2], "radius": 0.8, "quat_wxyz": [0.8, 0, 0.6, 0], "material": "m10"}],
-    meshes=[
-        {
-            "vertices": [[x - 1, 1, 0.5], [x + 1, 1, 0.5], [x + 1, 3, 0.5], [x - 1, 3, 0.5], [x, 2, 2]],
-            "triangles": [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]],
-            "material": material,
-        }
-        for x, material in ((2, "m9"), (4, "m10"))
-    ],
-)
+
+def all_shapes(*others):
+    """A room with a solid of each kind, two meshes and other spheres."""
+    return world_of(
+        name="all shapes",
+        materials={f"m{key}": {"base_color": color, "semantic": key} for key, color in COLORS.items()},
+        room={"min": [-5, -5, 0], "max": [5, 5, 4], "material": "m7"},
+        boxes=[{"center": [2, -1, 1], "size": [1, 2, 0.5], "quat_wxyz": [0.96, 0, 0.28, 0], "material": "m8"}],
+        cylinders=[
+            {"center": [-2, -1, 1.5], "radius": 0.5, "height": 2, "quat_wxyz": [0.8, 0.6, 0, 0], "material": "m9"},
+            {"center": [-4, -4, 2], "radius": 0.5, "height": 4, "material": "m10"},
+        ],
+        spheres=[{"center": [1, -3, 2], "radius": 0.7, "material": "m9"}, *others],
+        capsules=[{"center": [-3, 0, 1.2], "radius": 0.3, "height": 1.6, "material": "m8"}],
+        planes=[{"center": [0, 3, 2], "size": [2, 1], "quat_wxyz": [0.6, 0.8, 0, 0], "material": "m8"}],
+        discs=[{"center": [4, 0, 2], "radius": 0.8, "quat_wxyz": [0.8, 0, 0.6, 0], "material": "m10"}],
+        meshes=[
+            {
+                "vertices": [[x - 1, 1, 0.5], [x + 1, 1, 0.5], [x + 1, 3, 0.5], [x - 1, 3, 0.5], [x, 2, 2]],
+                "triangles": [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]],
+                "material": material,
+            }
+            for x, material in ((2, "m9"), (4, "m10"))
+        ],
+    )
+
+
+WORLD = all_shapes()
+# It has more elements than are looked up at once. The others are outside the room.
+CROWDED = all_shapes(*({"center": [x, 0, 9], "radius": 0.2} for x in range(40)))
 
 
 def pyramid():
@@ -89,19 +97,20 @@ def random_poses(count):
     return position.astype(np.float32), Rotation.random(count, random_state=4).as_quat(scalar_first=True)
 
 
-def scanned(lidars, count=12, **keywords):
+def scanned(lidars, count=12, world=WORLD, **keywords):
     """A batch of drones that see all kinds of things, two in an env."""
     shared = {"bodies": bodies(), "drones_per_env": 2, "interaction": "sense"}
-    batch = placed([WORLD], *random_poses(count), lidars=lidars, **shared | keywords)
+    batch = placed([world], *random_poses(count), lidars=lidars, **shared | keywords)
     batch.sense()
     return batch
 
 
+@pytest.mark.parametrize("world", [WORLD, CROWDED], ids=["few", "many"])
 @pytest.mark.parametrize("tracer", ["auto", "slices", "tiles", "embree"])
-def test_hits_are_those_of_a_camera(tracer):
+def test_hits_are_those_of_a_camera(tracer, world):
     camera = CameraConfig(**{name: getattr(CAMERA, name) for name in CAMERA.__match_args__} | MOUNT)
     directions = pixels()
-    batch = scanned([along(directions, **MOUNT)], 24, cameras=[camera], tracer=tracer)
+    batch = scanned([along(directions, **MOUNT)], 24, world, cameras=[camera], tracer=tracer)
     lidar, images = batch.lidar(), batch.camera()
     same = lidar.instance.reshape(images.instance.shape) == images.instance
     assert same.mean() > 0.995  # all but some at silhouettes
