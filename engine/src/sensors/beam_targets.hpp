@@ -26,7 +26,7 @@ struct Scan {
   bool is_unread(std::size_t beam, const trace::Echoes& echoes) const {
     return elements[beam] >= echoes.num_elements || (elements[beam] >= 0 && !intensity.empty() && intensity[beam] < 0.0F);
   }
-  // What is written to read a part of the beams, without their hits.
+  // A part of the beams, without their hits, to be written.
   Scan outputs(std::size_t first, std::size_t count) const {
     const auto part = [&](const auto& all) { return all.empty() ? all : all.subspan(first, count); };
     return {.ranges = part(ranges), .intensity = part(intensity), .semantic = part(semantic), .instance = part(instance)};

@@ -9,7 +9,7 @@
 
 namespace flockstep::trace {
 
-// What beams read from one surface, before angle and distance count.
+// A surface as beams read it, before angle and distance count.
 struct Echo {
   std::int32_t ids;   // semantic id in the lower half of the bits, instance id in the upper one
   float reflectance;  // mean of the colour

@@ -150,7 +150,7 @@ HWY_INLINE Interval<F> interval(const Shape& shape, const Wide3<F>& o, const Wid
   }
 }
 
-// What the nearest hits need to know of their elements: nothing, or their numbers. These are compared at equal distances, unless
+// Use of the numbers of the nearest hits' elements: none, or they are kept. They are compared at equal distances, unless
 // the elements come in ascending order.
 enum class Numbers { none, ascending, any };
 

@@ -67,7 +67,7 @@ struct RayTile {
   bool is_rectangle = false;                  // see RayBundle
 };
 
-// Where enqueue() writes the hits of rays. Null: they are not needed.
+// Places to which enqueue() writes the hits of rays. Null: they are not needed.
 struct HitRows {
   static constexpr float kNoCosine = -1.0F;
 

@@ -41,7 +41,8 @@ constexpr bool kHasDefault = std::is_arithmetic_v<Value> || std::is_enum_v<Value
 template <class Value, std::size_t kSize>
 constexpr bool kHasDefault<std::array<Value, kSize>> = kHasDefault<Value>;
 
-// What the type of a member says of its key: a constant, because code that writes JSON is large and must not be a template.
+// The part of a key that the type of its member gives: a constant, because code that writes JSON is large and must not be a
+// template.
 struct KeyType {
   const char* kind = "";
   const char* count = "one";
