@@ -23,7 +23,6 @@ Call = Callable[[], object]
 Setup = Callable[[Any], Call]  # takes the imported package, returns the call to time
 MakeWorlds = Callable[[Any], list[Any]]
 
-HITS = ["semantic", "instance", "intensity"]
 GRID = {"channels": 16, "beams": 360, "hfov_deg": 360, "vfov_deg": 30, "max_range_m": 30}
 DENSE_GRID = {"channels": 64, "beams": 1024, "hfov_deg": 360, "vfov_deg": 45, "max_range_m": 30}
 FAN = {"channels": 1, "beams": 35, "hfov_deg": 270, "max_range_m": 30}
@@ -267,7 +266,6 @@ def capturing(mode: str | None, moving: bool, make_worlds: MakeWorlds = playgrou
 LIDAR: list[tuple[str, Setup]] = [
     ("lidar/fan35x1024", measuring(train, 1024, {}, "auto")),
     ("lidar/grid16x360x64", measuring(train, 64, GRID, "auto")),
-    ("lidar/outputs35x1024", measuring(train, 1024, {"outputs": HITS}, "auto")),
     ("lidar/forest_fan35x1024", measuring(pillars, 1024, {}, "auto")),
     ("lidar/mesh_fan35x1024", measuring(hills(40), 1024, {}, "auto")),
     ("lidar/mesh_grid16x360x16", measuring(hills(40), 16, GRID, "auto")),
@@ -300,7 +298,6 @@ TILES: list[tuple[str, Setup]] = [
     ("tiles/office/ids64x64x32", seeing(OFFICE, 64, 64, 32, outputs=IDS)),
     ("tiles/office/grid16x360x16", measuring(OFFICE, 16, GRID)),
     ("tiles/office/fan35x1024", measuring(OFFICE, 1024, FAN, "auto")),
-    ("tiles/office/outputs35x1024", measuring(OFFICE, 1024, FAN | {"outputs": HITS}, "auto")),
     ("tiles/forest/rgb64x64x32", seeing(FOREST, 64, 64, 32)),
     ("tiles/forest/grid16x360x16", measuring(FOREST, 16, GRID)),
     ("tiles/city/depth64x64x16", seeing(CITY, 64, 64, 16, outputs=["depth"])),

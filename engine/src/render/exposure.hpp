@@ -5,7 +5,6 @@
 
 #include "base/pose_path.hpp"
 #include "flockstep/pose.hpp"
-#include "flockstep/sensors/camera.hpp"
 #include "trace/ray_block.hpp"
 
 namespace flockstep::render {
@@ -29,20 +28,20 @@ struct Mount {
   }
 };
 
-// The exposure of each row lasts `exposure_s`. The last row's ends at the reading, the first row's `rolling_shutter_s` before.
+// The exposure of the last row ends at the reading.
 struct Exposure {
   PosePath path;  // of the drone, up to the reading
   Mount mount;
-  float ticks_hz;  // ticks of the path per second
+  float rolling_ticks;  // between the exposures of the first and the last row
+  float row_ticks;      // of the exposure of a row
+  int rows;
+  int poses;  // within the exposure of a row, of which the last one is at its end
 
-  // Returns the camera's pose number `pose` of CameraConfig::num_poses(), the last of which is at the end of a row's exposure.
-  CameraPose at(const CameraConfig& camera, std::size_t row, int pose) const {
+  CameraPose at(std::size_t row, int pose) const {
     const auto left = [](int i, int count) {  // share of the numbers from i to the last one
       return count > 1 ? static_cast<float>(count - 1 - i) / static_cast<float>(count - 1) : 0.0F;
     };
-    const float age_s = camera.rolling_shutter_s * left(static_cast<int>(row), camera.height_px) +
-                        camera.exposure_s * left(pose, camera.num_poses());
-    return mount.on(path.before(age_s * ticks_hz));
+    return mount.on(path.before(rolling_ticks * left(static_cast<int>(row), rows) + row_ticks * left(pose, poses)));
   }
 };
 

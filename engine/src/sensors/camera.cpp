@@ -321,8 +321,14 @@ render::RenderRequest Camera::request(DroneIndex drone, const World& world, cons
                                 .bodies = bodies_.of_env(drone / drones_per_env_, bodies_per_env_),
                                 .drones = drones_.seen_by(drone, drones_per_env_)};
   request.frame = targets(drone);
-  if (config_.takes_time())
-    request.exposure = render::Exposure{motion_.path_of(drone, pose, taken_.tick[drone]), mount, ticks_hz_};
+  if (config_.takes_time()) {
+    request.exposure = render::Exposure{.path = motion_.path_of(drone, pose, taken_.tick[drone]),
+                                        .mount = mount,
+                                        .rolling_ticks = config_.rolling_shutter_s * ticks_hz_,
+                                        .row_ticks = config_.exposure_s * ticks_hz_,
+                                        .rows = config_.height_px,
+                                        .poses = config_.num_poses()};
+  }
   return request;
 }
 

@@ -370,6 +370,27 @@ TEST(LidarChange, IsRefusedEvenIfNoDroneIsSelected) {
   EXPECT_REFUSED(patterned.lidar().set({.hfov_deg = 90.0F}, std::vector<std::uint8_t>{0}), "hfov_deg");
 }
 
+// The errors follow eight floats after the range in the settings of a snapshot.
+TEST(LidarChange, ASnapshotWithErrorsThatNeedMemoryIsRefused) {
+  Batch batch(lidar_batch(2, {.max_range_m = 4.0625F}), {make_world(a_few())});
+  const std::string blob = batch.snapshot();
+  constexpr float kRange = 4.0625F;
+  const std::size_t at = blob.find(std::string(reinterpret_cast<const char*>(&kRange), sizeof(kRange)));
+  ASSERT_NE(at, std::string::npos);
+  const auto restore = [&](std::size_t error, float value) {
+    std::string damaged = blob;
+    std::memcpy(damaged.data() + at + sizeof(float) * (8 + error), &value, sizeof(value));
+    batch.restore(mended(damaged));
+  };
+  EXPECT_REFUSED(restore(0, 1.0F), "lidar.errors.divergence_mrad");
+  EXPECT_REFUSED(restore(6, kNan), "lidar.errors.dropout");
+  EXPECT_REFUSED(restore(7, 80.0F), "lidar.errors.max_incidence_deg");
+  EXPECT_REFUSED(restore(8, 0.5F), "lidar.errors.min_intensity");
+  EXPECT_EQ(batch.snapshot(), blob);
+  restore(6, 0.25F);
+  EXPECT_EQ(batch.lidar().config(DroneIndex(0)).errors.dropout, 0.25F);
+}
+
 TEST(LidarChange, NeedsALidar) {
   BatchConfig config;
   config.num_threads = 1;

@@ -238,7 +238,7 @@ void average(const RenderRequest& request, const PixelTile& tile, RaycastScratch
   const auto grids = all.size() > 1 ? all.subspan(1) : all;
   const int poses = request.camera->num_poses();
   for (int pose = 0; pose < poses; ++pose) {
-    if (poses > 1) aim(request, request.exposure->at(*request.camera, tile.row, pose), scratch);
+    if (poses > 1) aim(request, request.exposure->at(tile.row, pose), scratch);
     for (const CameraOptics::Grid& grid : grids) {
       sample(request, grid, tile, colors, scratch);
       for (std::size_t c = 0; c < 3; ++c) {
@@ -375,7 +375,7 @@ void render_tiles(const RenderRequest& request, std::size_t first, std::size_t l
   for (std::size_t i = first; i < last; ++i) {
     const PixelTile& tile = optics.tiles[i];
     const bool is_new_row = i == first || tile.row != optics.tiles[i - 1].row;
-    if (request.exposure && is_new_row) aim(request, request.exposure->at(*request.camera, tile.row, poses - 1), scratch);
+    if (request.exposure && is_new_row) aim(request, request.exposure->at(tile.row, poses - 1), scratch);
     if (centre) sample(request, optics.grids[0], tile, wanted, scratch);
     if (request.centres != nullptr) copy_centres<false>(request, tile, scratch.pixels);
     if (samples && request.camera->outputs.any_color()) average(request, tile, scratch);
