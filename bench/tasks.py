@@ -92,7 +92,6 @@ def measure_erring() -> Iterator[Measured]:
 
     lidar = copy(rotor_navigation.RotorNavigation.lidar)
     lidar.errors = flockstep.LidarConfig.preset("vl53l1x").errors
-    lidar.errors.dropout = 0.02
     yield from crossed("sensor_errors/race", TRAININGS["race"], {"exact": {}, "erring": {"pose_sensor": ESTIMATE}})
     yield from crossed(
         "sensor_errors/lidar_rotors", rotor_navigation.TRAINING, {"exact": {}, "erring": {"lidar": lidar}}

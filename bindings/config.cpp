@@ -66,14 +66,14 @@ py::str shown(const std::array<float, kSize>& values) {
 struct FieldType {
   std::string (*stub)();
   py::str (*show)(const void* field);  // for repr()
-  py::object (*read)(const void* field) = nullptr;
+  py::object (*read)(void* field, const py::object& owner) = nullptr;
   void (*write)(void* field, const py::object& value, const char* name) = nullptr;  // like from_python()
 };
 template <class Value, bool kIsDescribedOnly>
 constexpr FieldType field_type() {
   FieldType type{[] { return stub_type<Value>(); }, [](const void* field) { return shown(*static_cast<const Value*>(field)); }};
   if constexpr (!kIsDescribedOnly) {  // these take most of the compile time
-    type.read = [](const void* field) -> py::object { return to_python(*static_cast<const Value*>(field)); };
+    type.read = [](void* field, const py::object& owner) { return member_to_python(*static_cast<Value*>(field), owner); };
     type.write = [](void* field, const py::object& value, const char* name) {
       *static_cast<Value*>(field) = from_python<Value>(value, name);
     };
@@ -199,7 +199,7 @@ void add_properties(const py::object& cls, const std::type_info& type, const std
   for (std::size_t i = 0; i < fields.size(); ++i) {
     const ConfigField& field = fields[i];
     const py::cpp_function get(
-        [field, &type](const py::object& self) { return field.type.read(held_by(self, type) + field.offset); }, method);
+        [field, &type](const py::object& self) { return field.type.read(held_by(self, type) + field.offset, self); }, method);
     const py::cpp_function set(
         [field, &type](const py::object& self, const py::object& value) {
           field.type.write(held_by(self, type) + field.offset, value, field.name);

@@ -112,6 +112,16 @@ py::list to_python(const Enums& values) {
   return names;
 }
 
+// Returns a configuration within another one as a part of its owner, so that its fields can be set, and a copy of other values.
+template <class T>
+py::object member_to_python(T& value, const py::object& owner) {
+  if constexpr (HasFields<T> && !SetOfNames<T>) {
+    return py::cast(value, py::return_value_policy::reference_internal, owner);
+  } else {
+    return to_python(value);
+  }
+}
+
 template <class T>
 concept OptionalValue = requires(const T& value) { value.has_value(); };
 template <class T>
