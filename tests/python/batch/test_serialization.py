@@ -1,5 +1,8 @@
 """Arguments in plain form: the specs of environments survive JSON and make the same environment again."""
 
+import copy
+import pickle
+
 import gymnasium
 import numpy as np
 import pytest
@@ -126,3 +129,18 @@ def test_a_limit_by_gymnasium_reports_as_the_engine_does(room):
     assert info["episode_return"] == infos["episode_return"][0]
     for name, value in info["episode_terms"].items():
         assert value == infos["episode_terms"][name][0]
+
+
+def test_a_configuration_within_another_one_is_a_part_of_it():
+    lidar = flockstep.LidarConfig()
+    lidar.errors.dropout = 0.5
+    assert pickle.loads(pickle.dumps(lidar)).errors == flockstep.RangeErrors(dropout=0.5)
+    other = copy.copy(lidar)
+    other.errors.dropout = 0.25
+    assert lidar.errors.dropout == 0.5
+    errors = lidar.errors
+    lidar.errors = other.errors  # copied into its place
+    other.errors.dropout = 0.0
+    assert errors.dropout == lidar.errors.dropout == 0.25
+    del lidar
+    assert errors.dropout == 0.25  # and keeps its owner alive
