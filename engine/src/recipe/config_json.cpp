@@ -14,13 +14,6 @@
 #include "flockstep/tasks.hpp"
 
 namespace flockstep {
-
-template const config_values::Members& config_values::members_of<BodyConfig>();
-template const config_values::Members& config_values::members_of<CameraConfig>();
-template const config_values::Members& config_values::members_of<ImuConfig>();
-template const config_values::Members& config_values::members_of<LidarConfig>();
-template const config_values::Members& config_values::members_of<Light>();
-
 namespace {
 
 using Json = nlohmann::json;

@@ -9,18 +9,10 @@
 #include <string>
 
 #include "base/config_values.hpp"
-#include "flockstep/config.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/tasks.hpp"
 
 namespace flockstep {
-
-// Compiled in config_json.cpp, once for all that reads or writes one.
-extern template const config_values::Members& config_values::members_of<BodyConfig>();
-extern template const config_values::Members& config_values::members_of<CameraConfig>();
-extern template const config_values::Members& config_values::members_of<ImuConfig>();
-extern template const config_values::Members& config_values::members_of<LidarConfig>();
-extern template const config_values::Members& config_values::members_of<Light>();
 
 // Rejects non-finite numbers, which JSON cannot represent.
 template <HasFields Config>

@@ -15,6 +15,7 @@ from simple_tasks import Still
 
 import flockstep
 from flockstep import _core, scenes
+from flockstep.keywords import FLAT
 
 ENVS: dict[str, dict[str, Any]] = {
     "navigation": {
@@ -242,6 +243,7 @@ FIELDS = [
         ("Race", flockstep.RaceConfig),
     )
     for field in config.__match_args__
+    if field in FLAT
 ]
 
 
