@@ -22,6 +22,7 @@ struct EnumNames<RaceStart> {
 
 // A camera at the drone's centre, and a program that finds gates in its images.
 struct GateDetector {
+  // The docstring.
   static constexpr const char* kAbout =
       "A camera with a program that finds the corners of gates: of a square opening, or of the square inside a ring.\n\n"
       "There is one image for each observation. The program tells gates and corners apart, and sees through what hides them.";
