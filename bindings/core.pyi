@@ -400,15 +400,15 @@ class Light:
     def at_hour(hour: float, latitude_deg: float = 48.0, day_of_year: int = 172) -> Light:
         """Return the light at a time of a clear day.
 
-        {light.hpp: It is the default ... darker below}. In the night only a bluish rest of the sky is left. x points
-        east and y north.
+        {light.hpp: It is the default ... darker below}. At night only a faint bluish sky remains. x points east and y
+        north.
 
         Parameters
         ----------
         hour
             Solar time, 0 to 24. At 12 the sun is highest.
         latitude_deg
-            Of the place, -90 to 90; south of the equator negative.
+            Latitude of the place, -90 to 90. The south is negative.
         day_of_year
             From 1 for January 1st. June 21st is 172.
 

@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 import flockstep
 
 SECONDS, RATE_HZ = 60, 100
-#: Of each sensor: its configuration without errors, and with.
+#: Sensors without errors, and with, by their keywords.
 EXACT: dict[str, Any] = {
     "pose_sensor": flockstep.PoseSensorConfig(),
     "imu": flockstep.ImuConfig(),
