@@ -129,10 +129,11 @@ struct Wide {
   static HWY_INLINE Wide gather(const T* table, Int index) {
     FLOCKSTEP_EACH_PART(Wide, hn::GatherIndex(D(), table, index.part[p]));
   }
-  // The same for a table of one or two vectors, which is read as a whole. That is much faster.
+  // The same for a table of one or two vectors, which is read as a whole. That is much faster. kVectors: 0 for any other table
   template <std::size_t kVectors>
   static HWY_INLINE Wide look_up(const T* table, Int index) {
-    static_assert(kVectors == 1 || kVectors == 2);
+    static_assert(kVectors <= 2);
+    if constexpr (kVectors == 0) return gather(table, index);
     if constexpr (kVectors == 1) return shuffled(table, index);
     constexpr auto kHalf = static_cast<typename Int::T>(kLanes);
     const Int lane = index & (kHalf - 1);

@@ -67,7 +67,9 @@ namespace {
 void at_solid(const trace::Shape& shape, const trace::BeamHits& hits, float* cosines) {
   HWY_DYNAMIC_DISPATCH(at_solid)(shape, hits, cosines);
 }
-void at_plane(const Vec3& normal, const trace::BeamHits& hits, float* cosines) { HWY_DYNAMIC_DISPATCH(at_plane)(normal, hits, cosines); }
+void at_plane(const Vec3& normal, const trace::BeamHits& hits, float* cosines) {
+  HWY_DYNAMIC_DISPATCH(at_plane)(normal, hits, cosines);
+}
 
 std::size_t number_of(std::int32_t element, const trace::Bodies& among) {
   return static_cast<std::size_t>(element - among.first_element);

@@ -315,8 +315,8 @@ void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_er
   const BeamTargets targets = targets_of(drone, surroundings);
   std::vector<float> edges(has_errors && errors_of(drone).divergence_mrad > 0.0F ? rays_ : 0);
   Reader reader(surroundings);
-  Scan scan{.ranges = ranges, .edges = edges};
-  if (has_errors && errors_of(drone).need_surfaces()) scan.echoes = echoes_of(drone, reader, 0);
+  const bool needs_hits = has_errors && errors_of(drone).need_surfaces();
+  const Scan scan{ranges, edges, needs_hits ? echoes_of(drone, reader, 0) : trace::EchoTarget()};
   trace_beams(targets, drone, surroundings.state, scan, surroundings.tracer);
   surroundings.tracer.finish();
   if (has_errors) add_errors(drone, surroundings.state, scan);

@@ -91,15 +91,15 @@ class Lidar final : public SensorOf<LidarReadings> {
   struct Scan {
     std::span<float> ranges;
     std::span<float> edges;  // ranges of the rays at the edges of the beams
-    trace::EchoTarget echoes{};
+    trace::EchoTarget echoes;
   };
   // reader: null if only ranges are needed
   Scan scan_of(DroneIndex drone, trace::EchoReader* reader = nullptr) {
-    const auto row = [&](std::vector<float>& values) { return std::span(values).subspan(drone * rays_, rays_); };
-    Scan scan{.ranges = row(readings_.truth().ranges)};
-    if (!edges_.empty() && errors_of(drone).divergence_mrad > 0.0F) scan.edges = row(edges_);
-    if (reader != nullptr) scan.echoes = echoes_of(drone, *reader, drone * rays_);
-    return scan;
+    const auto row = [&](auto& values) { return std::span(values).subspan(drone * rays_, rays_); };
+    const bool has_edges = !edges_.empty() && errors_of(drone).divergence_mrad > 0.0F;
+    return {.ranges = row(readings_.truth().ranges),
+            .edges = has_edges ? row(edges_) : std::span<float>(),
+            .echoes = reader == nullptr ? trace::EchoTarget() : echoes_of(drone, *reader, drone * rays_)};
   }
   // first: place of the drone's beams in the reader's arrays
   trace::EchoTarget echoes_of(DroneIndex drone, trace::EchoReader& reader, std::size_t first) const;
@@ -119,8 +119,8 @@ class Lidar final : public SensorOf<LidarReadings> {
   DroneSettings<LidarConfig, BeamOptics> settings_;
   std::vector<float> edges_;  // (N, rays) of the scans in progress; empty if not needed
   bool errs_;                 // some drone has, or had, errors
-  float scan_ticks_;   // ticks that a scan takes
-  ScanMotion motion_;  // of no drones unless scans take time
+  float scan_ticks_;          // ticks that a scan takes
+  ScanMotion motion_;         // of no drones unless scans take time
   std::atomic<bool> has_scanned_{false};
 };
 

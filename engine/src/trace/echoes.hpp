@@ -25,20 +25,20 @@ inline Echo echo_of(const std::array<float, 3>& color, std::uint16_t semantic, s
 struct BeamHits {
   static constexpr float kNoCosine = -1.0F;
 
-  Vec3 origin;                     // m, world frame
-  Mat3 rotation;                   // sensor to world
-  const float *x, *y, *z;          // (count + kRayPadding,) unit directions, sensor frame
-  const float* ranges;             // (count,) m
-  const std::int32_t* elements;    // (count,) as in RayBundle; bodies have the numbers that their Bodies give them
-  const std::int32_t* triangles;   // (count,) numbers in the meshes of bodies; for these only
+  Vec3 origin;                    // m, world frame
+  Mat3 rotation;                  // sensor to world
+  const float *x, *y, *z;         // (count + kRayPadding,) unit directions, sensor frame
+  const float* ranges;            // (count,) m
+  const std::int32_t* elements;   // (count,) as in RayBundle; bodies have the numbers that their Bodies give them
+  const std::int32_t* triangles;  // (count,) numbers in the meshes of bodies; for these only
   // (count,) of the angles between beams and normals, if they are needed. Only for solids, and kNoCosine for those not traced
   // directly. What is here for other hits means nothing.
   const float* cosines;
   std::size_t count;
 
   BeamHits part(std::size_t first, std::size_t beams) const {
-    return {origin,         rotation,        x + first,       y + first, z + first, ranges + first, elements + first,
-            triangles + first, cosines + first, beams};
+    return {origin,         rotation,         x + first,         y + first,       z + first,
+            ranges + first, elements + first, triangles + first, cosines + first, beams};
   }
 };
 

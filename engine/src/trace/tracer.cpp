@@ -325,9 +325,16 @@ void Tracer::deliver(Waiting& waiting) {
       std::copy_n(rays.t_hit + first, count, ranges);
     } else {
       echoes.write(*scene_->echoes(),
-                   {{rays.org_x[first], rays.org_y[first], rays.org_z[first]}, Mat3::Identity(), rays.dir_x + first,
-                    rays.dir_y + first, rays.dir_z + first, rays.t_hit + first, rays.element + first, waiting.triangle + first,
-                    waiting.cosine + first, count},
+                   {{rays.org_x[first], rays.org_y[first], rays.org_z[first]},
+                    Mat3::Identity(),
+                    rays.dir_x + first,
+                    rays.dir_y + first,
+                    rays.dir_z + first,
+                    rays.t_hit + first,
+                    rays.element + first,
+                    waiting.triangle + first,
+                    waiting.cosine + first,
+                    count},
                    ranges, count, count);
     }
     first += count;

@@ -123,7 +123,7 @@ class Tracer {
       std::size_t count;
     };
     RayBlock rays;
-    alignas(64) RayFloats cosine;   // as in BeamHits, of the hits so far
+    alignas(64) RayFloats cosine;  // as in BeamHits, of the hits so far
     alignas(64) RayInts triangle;
     std::array<Segment, kMaxRays> segments;
     std::size_t num_segments = 0;
