@@ -123,15 +123,22 @@ BeamTargets targets_of(DroneIndex drone, const Surroundings& surroundings) {
   return {surroundings.scene_of(drone), surroundings.bodies_of(drone), surroundings.drones_seen_by(drone)};
 }
 
-// Reads the beams of drones in their surroundings.
-struct Reader final : trace::EchoReader {
-  explicit Reader(const Surroundings& surroundings_in) : surroundings(surroundings_in) {}
-
-  void look_closer(std::size_t drone, const trace::BeamHits& hits, const trace::EchoRows& to) override {
-    targets_of(DroneIndex(drone), surroundings).read(hits, to);
+// Reads beams into the arrays of a LiDAR.
+class LidarReader final : public trace::EchoReader {
+ public:
+  LidarReader(const Surroundings& surroundings, LidarReadings& to) : surroundings_(surroundings) {
+    const auto begin = [](auto& values) { return values.empty() ? nullptr : values.data(); };
+    semantic = begin(to.semantic);
+    instance = begin(to.instance);
+    intensity = begin(to.intensity);
   }
 
-  const Surroundings& surroundings;
+  void look_closer(std::size_t drone, const trace::BeamHits& hits, const trace::EchoRows& to) override {
+    targets_of(DroneIndex(drone), surroundings_).read(hits, to);
+  }
+
+ private:
+  const Surroundings& surroundings_;
 };
 
 trace::LeastReturn least_return_of(const RangeErrors& errors) {
@@ -276,12 +283,7 @@ void Lidar::restored() {
 void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
   if (!drones.empty() && !has_scanned()) has_scanned_.store(true, std::memory_order_relaxed);
   bool has_slices = false;  // this env's drones are in slices
-  Reader reader(surroundings);
-  const auto begin = [](auto& values) { return values.empty() ? nullptr : values.data(); };
-  LidarReadings& readings = readings_.truth();
-  reader.semantic = begin(readings.semantic);
-  reader.instance = begin(readings.instance);
-  reader.intensity = begin(readings.intensity);
+  LidarReader reader(surroundings, readings_.truth());
   trace::EchoReader* const used_reader = config_.needs_hits() ? &reader : nullptr;
   for (std::size_t i = 0; i < drones.size(); ++i) {
     const DroneIndex drone = drones[i];
@@ -314,8 +316,9 @@ Pose Lidar::pose_at(const PosePath& path, std::size_t column) const {
 void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_errors, std::span<float> ranges) const {
   const BeamTargets targets = targets_of(drone, surroundings);
   std::vector<float> edges(has_errors && errors_of(drone).divergence_mrad > 0.0F ? rays_ : 0);
-  Reader reader(surroundings);
   const bool needs_hits = has_errors && errors_of(drone).need_surfaces();
+  LidarReadings no_outputs;
+  LidarReader reader(surroundings, no_outputs);
   const Scan scan{ranges, edges, needs_hits ? echoes_of(drone, reader, 0) : trace::EchoTarget()};
   trace_beams(targets, drone, surroundings.state, scan, surroundings.tracer);
   surroundings.tracer.finish();

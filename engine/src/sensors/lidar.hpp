@@ -95,7 +95,7 @@ class Lidar final : public SensorOf<LidarReadings> {
   };
   // reader: null if only ranges are needed
   Scan scan_of(DroneIndex drone, trace::EchoReader* reader = nullptr) {
-    const auto row = [&](auto& values) { return std::span(values).subspan(drone * rays_, rays_); };
+    const auto row = [&](std::vector<float>& values) { return std::span(values).subspan(drone * rays_, rays_); };
     const bool has_edges = !edges_.empty() && errors_of(drone).divergence_mrad > 0.0F;
     return {.ranges = row(readings_.truth().ranges),
             .edges = has_edges ? row(edges_) : std::span<float>(),

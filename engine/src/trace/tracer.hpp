@@ -80,7 +80,7 @@ struct EmbreeUse {
   }
 };
 
-// Each thread needs its own. It takes about 90 KB, so create it once. Tracing allocates nothing. A ray's result has the same
+// Each thread needs its own. It takes about 110 KB, so create it once. Tracing allocates nothing. A ray's result has the same
 // bits beside any other rays. Only in trace() it depends on the ray's tile, which is always the same for a pixel. Call under
 // FlushDenormals.
 class Tracer {
@@ -93,7 +93,8 @@ class Tracer {
   // readable up to a multiple of 4 rows.
   const RayBundle& trace(const RayTile& tile);
 
-  // Writes the distances of a tile, row by row, to ranges, ranges + stride and so on, and what the echoes are asked for.
+  // Writes the distances of a tile, row by row, to ranges, ranges + stride and so on, and what the target of echoes reads. Its
+  // reader must exist until the rays are traced, and it requires Scene::prepare_echoes().
   // Rays for Embree wait until they fill a block with those of other sensors; finish() traces the rest. All others are written
   // at once. Where two surfaces touch, distances with and without echoes may differ by rounding.
   void enqueue(const RayTile& tile, float* ranges, std::size_t stride, const EchoTarget& echoes = {});
