@@ -326,7 +326,7 @@ void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_er
 }
 
 trace::EchoTarget Lidar::echoes_of(DroneIndex drone, trace::EchoReader& reader, std::size_t first) const {
-  const RangeErrors& errors = errors_of(drone);
+  const RangeErrors& errors = errs_ ? errors_of(drone) : config_.errors;  // without errors, those of no drone are read
   if (!config_.outputs.any() && !errors.need_surfaces()) return {};
   return {&reader, drone, first, config_.outputs.intensity || errors.need_surfaces(), least_return_of(errors)};
 }

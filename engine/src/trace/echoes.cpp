@@ -39,14 +39,14 @@ HWY_INLINE void write_ids(const EchoRows& to, std::size_t at, std::size_t left, 
 }
 
 // Writes the intensity by the LiDAR equation of a surface that scatters light evenly (Lambert), in the units of LidarReadings,
-// and returns the ranges, inf for beams that return too little. Directions are rounded.
+// and returns the ranges, inf for beams that return too little, unless they are unread. Directions are rounded.
 HWY_INLINE Beams write_intensity(const EchoRows& to, std::size_t at, std::size_t left, Beams range, Beams reflectance,
-                                 Beams cosine) {
+                                 Beams cosine, Beams::Mask unread) {
   const Beams distance = max(range, 1.0F);
   const Beams intensity = min(reflectance * cosine / (distance * distance), 1.0F);
   if (to.intensity != nullptr) store_ahead(intensity, left, to.intensity + at);
   if (to.least.cosine <= 0.0F && to.least.intensity <= 0.0F) return range;
-  const Beams::Mask misses = (cosine < to.least.cosine) | (intensity < to.least.intensity);
+  const Beams::Mask misses = without((cosine < to.least.cosine) | (intensity < to.least.intensity), unread);
   return select(misses, std::numeric_limits<float>::infinity(), range);
 }
 
@@ -76,7 +76,7 @@ HWY_INLINE Beams::Mask write_next(const Echoes& echoes, const BeamHits& hits, st
     cosine = value_if(element > -1, cosine);
     unread = unread | (cosine < 0.0F);
     const Beams reflectance = Beams::look_up<kVectors>(echoes.reflectance.data(), entry);
-    range = select(unread, range, write_intensity(to, at, left, range, reflectance, cosine));
+    range = write_intensity(to, at, left, range, reflectance, cosine, unread);
   }
   store_ahead(range, left, to.ranges + at);
   return unread;
@@ -120,8 +120,8 @@ void write_same(const Echo& echo, const float* cosines, const BeamHits& hits, co
     const std::size_t left = hits.count - i;
     write_ids(to, i, left, echo.ids);
     if (!to.needs_cosines) continue;
-    const Beams range = Beams::load_first(left, hits.ranges + i);
-    write_intensity(to, i, left, range, echo.reflectance, Beams::load_unaligned(cosines + i)).store_first(left, to.ranges + i);
+    const Beams range = Beams::load_first(left, hits.ranges + i), cosine = Beams::load_unaligned(cosines + i);
+    write_intensity(to, i, left, range, echo.reflectance, cosine, Beams::Mask(false)).store_first(left, to.ranges + i);
   }
 }
 
