@@ -117,9 +117,10 @@ struct Wide {
   static HWY_INLINE Wide load_unaligned(const T* from) { FLOCKSTEP_EACH_PART(Wide, hn::LoadU(D(), from + p * kLanes)); }
   // Loads n numbers, reads no others, and leaves 0 in the other lanes.
   static HWY_INLINE Wide load_first(std::size_t n, const T* from) {
+    if (n >= kCount) return load_unaligned(from);
 #if HWY_MEM_OPS_MIGHT_FAULT  // MaskedLoad may read the others
     T copy[kCount] = {};
-    std::copy_n(from, std::min(n, kCount), copy);
+    std::copy_n(from, n, copy);
     return load_unaligned(copy);
 #else
     FLOCKSTEP_EACH_PART(Wide, hn::MaskedLoad(hn::FirstN(D(), n > p * kLanes ? n - p * kLanes : 0), D(), from + p * kLanes));
@@ -128,8 +129,12 @@ struct Wide {
   static HWY_INLINE Wide gather(const T* table, Int index) {
     FLOCKSTEP_EACH_PART(Wide, hn::GatherIndex(D(), table, index.part[p]));
   }
-  // The same for a table of 2 kLanes numbers, which is read as a whole. That is much faster.
+  // The same for a table of one or two vectors, which is read as a whole. That is much faster. kVectors: 0 for any other table
+  template <std::size_t kVectors>
   static HWY_INLINE Wide look_up(const T* table, Int index) {
+    static_assert(kVectors <= 2);
+    if constexpr (kVectors == 0) return gather(table, index);
+    if constexpr (kVectors == 1) return shuffled(table, index);
     constexpr auto kHalf = static_cast<typename Int::T>(kLanes);
     const Int lane = index & (kHalf - 1);
     return select(index < kHalf, shuffled(table, lane), shuffled(table + kLanes, lane));
@@ -238,6 +243,12 @@ HWY_INLINE To convert(Wide<D, kParts> a) {
   } else {
     FLOCKSTEP_EACH_PART(To, hn::DemoteTo(to, a.part[p]));
   }
+}
+// Keeps the lower bits of integers.
+template <class To, class D, std::size_t kParts>
+HWY_INLINE To truncate(Wide<D, kParts> a) {
+  static_assert(To::kParts == kParts && To::kLanes == Wide<D, kParts>::kLanes);
+  FLOCKSTEP_EACH_PART(To, hn::TruncateTo(typename To::Tag(), hn::BitCast(hn::RebindToUnsigned<D>(), a.part[p])));
 }
 template <class To, class D, std::size_t kParts>
 HWY_INLINE To bit_cast(Wide<D, kParts> a) {

@@ -38,8 +38,7 @@ void check_memory_of_sensors(const BatchConfig& config) {
   double rays = 0.0;   // in the tables of lenses, for all drones
   for (const LidarConfig& lidar : config.lidars) {
     bytes += bytes_of_scan(lidar);
-    const int more = 8 * lidar.needs_hits() + 4 * (lidar.errors.divergence_mrad > 0.0F);  // bytes of a beam: Lidar's own arrays
-    bytes += static_cast<double>(more) * lidar.rows() * lidar.columns();
+    if (lidar.errors.divergence_mrad > 0.0F) bytes += 4.0 * lidar.rows() * lidar.columns();  // the rays at the edges
   }
   for (const CameraConfig& camera : config.cameras) {
     const CameraOutputs& o = camera.outputs;

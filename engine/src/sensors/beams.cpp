@@ -211,13 +211,15 @@ bool has_fans(const LidarConfig& config, TracerKind tracer) {
 }
 
 void write_directions(const BeamPattern& pattern, float* out) {
-  for_each_row(pattern, [&](std::size_t from, std::size_t to, std::size_t count) {
-    for (std::size_t i = 0; i < count; ++i) {
-      out[3 * (to + i)] = pattern.x[from + i];
-      out[3 * (to + i) + 1] = pattern.y[from + i];
-      out[3 * (to + i) + 2] = pattern.z[from + i];
+  for (const BeamTile& tile : pattern.tiles) {
+    for (std::size_t i = 0; i < tile.rows * tile.width; ++i) {
+      const std::size_t row = tile.channel + i / tile.width, beam = tile.beam + i % tile.width;
+      float* const to = out + 3 * (row * pattern.columns + beam);
+      to[0] = pattern.x[tile.first + i];
+      to[1] = pattern.y[tile.first + i];
+      to[2] = pattern.z[tile.first + i];
     }
-  });
+  }
 }
 
 }  // namespace flockstep::sensors

@@ -39,16 +39,6 @@ BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& po
 // Returns true if some of the beams are traced as fans.
 bool has_fans(const LidarConfig& config, TracerKind tracer);
 
-// Calls f(from, to, count) for the rows of all tiles: beams whose directions begin at `from`, and which begin at `to` in a scan.
-template <class F>
-void for_each_row(const BeamPattern& pattern, const F& f) {
-  for (const BeamTile& tile : pattern.tiles) {
-    for (std::size_t row = 0; row < tile.rows; ++row) {
-      f(tile.first + row * tile.width, (tile.channel + row) * pattern.columns + tile.beam, tile.width);
-    }
-  }
-}
-
 // Writes the pattern's directions to out, shape (channels, beams, 3).
 void write_directions(const BeamPattern& pattern, float* out);
 

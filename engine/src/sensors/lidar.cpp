@@ -123,7 +123,25 @@ BeamTargets targets_of(DroneIndex drone, const Surroundings& surroundings) {
   return {surroundings.scene_of(drone), surroundings.bodies_of(drone), surroundings.drones_seen_by(drone)};
 }
 
-LeastReturn least_return_of(const RangeErrors& errors) {
+// Reads beams into the arrays of a LiDAR.
+class LidarReader final : public trace::EchoReader {
+ public:
+  LidarReader(const Surroundings& surroundings, LidarReadings& to) : surroundings_(surroundings) {
+    const auto begin = [](auto& values) { return values.empty() ? nullptr : values.data(); };
+    semantic = begin(to.semantic);
+    instance = begin(to.instance);
+    intensity = begin(to.intensity);
+  }
+
+  void look_closer(std::size_t drone, const trace::BeamHits& hits, const trace::EchoRows& to) override {
+    targets_of(DroneIndex(drone), surroundings_).read(hits, to);
+  }
+
+ private:
+  const Surroundings& surroundings_;
+};
+
+trace::LeastReturn least_return_of(const RangeErrors& errors) {
   const float max_incidence = errors.max_incidence_deg * (std::numbers::pi_v<float> / 180.0F);  // rad
   return {errors.max_incidence_deg < 90.0F ? std::cos(max_incidence) : 0.0F, errors.min_intensity};
 }
@@ -163,11 +181,6 @@ Lidar::Lidar(const LidarConfig& config, const SensorSetup& setup)
       scan_ticks_(static_cast<float>(static_cast<double>(config.scan_time_s) / setup.clock.dt_s())),
       motion_(config.scan_time_s > 0.0F ? setup.num_drones : 0) {
   std::ranges::fill(readings_.published().max_range_m, config.max_range_m);
-  if (config.needs_hits()) {
-    elements_.resize(setup.num_drones * rays_);
-    triangles_.resize(setup.num_drones * rays_);
-    if (!config.outputs.intensity) cosines_.resize(setup.num_drones * rays_);
-  }
   if (config.errors.divergence_mrad > 0.0F) edges_.resize(setup.num_drones * rays_);
 }
 
@@ -270,15 +283,8 @@ void Lidar::restored() {
 void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
   if (!drones.empty() && !has_scanned()) has_scanned_.store(true, std::memory_order_relaxed);
   bool has_slices = false;  // this env's drones are in slices
-  // Hits are read whenever no rays wait. They take the places of the first drones, which thus stay in the cache.
-  std::size_t unread = 0;  // the first drone whose hits are not read
-  const auto scan = [&](std::size_t i) { return scan_of(drones[i], drones[i - unread]); };
-  const auto read_until = [&](std::size_t end) {
-    for (std::size_t i = unread; i < end; ++i) {
-      if (const Scan hits = scan(i); !hits.elements.empty()) read_hits(drones[i], surroundings, hits);
-    }
-    unread = end;
-  };
+  LidarReader reader(surroundings, readings_.truth());
+  trace::EchoReader* const used_reader = config_.needs_hits() ? &reader : nullptr;
   for (std::size_t i = 0; i < drones.size(); ++i) {
     const DroneIndex drone = drones[i];
     BeamTargets targets = targets_of(drone, surroundings);
@@ -293,11 +299,9 @@ void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surr
       if (const trace::Scene& next = surroundings.scene_of(drones[i + 2]); &next != &targets.scene) next.prefetch_parts();
     }
     if (surroundings.bodies_per_env > 0 && i + 1 < drones.size()) surroundings.bodies_of(drones[i + 1]).shapes.prefetch_balls();
-    trace_beams(targets, drone, surroundings.state, scan(i), surroundings.tracer);
-    if (!elements_.empty() && surroundings.tracer.is_finished()) read_until(i + 1);
+    trace_beams(targets, drone, surroundings.state, scan_of(drone, used_reader), surroundings.tracer);
   }
   surroundings.tracer.finish();
-  if (!elements_.empty()) read_until(drones.size());
   if (!is_rolling()) return;
   const State& state = surroundings.state;
   for (const DroneIndex drone : drones) motion_.add(drone, pose_of(state, drone), tick_of(drone, state));
@@ -311,59 +315,20 @@ Pose Lidar::pose_at(const PosePath& path, std::size_t column) const {
 
 void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_errors, std::span<float> ranges) const {
   const BeamTargets targets = targets_of(drone, surroundings);
-  const std::size_t hits = has_errors && errors_of(drone).need_surfaces() ? rays_ : 0;
-  std::vector<std::int32_t> elements(hits), triangles(hits);
-  std::vector<float> cosines(hits), edges(has_errors && errors_of(drone).divergence_mrad > 0.0F ? rays_ : 0);
-  const Scan scan{.ranges = ranges, .elements = elements, .triangles = triangles, .intensity = cosines, .edges = edges};
+  std::vector<float> edges(has_errors && errors_of(drone).divergence_mrad > 0.0F ? rays_ : 0);
+  const bool needs_hits = has_errors && errors_of(drone).need_surfaces();
+  LidarReadings no_outputs;
+  LidarReader reader(surroundings, no_outputs);
+  const Scan scan{ranges, edges, needs_hits ? echoes_of(drone, reader, 0) : trace::EchoTarget()};
   trace_beams(targets, drone, surroundings.state, scan, surroundings.tracer);
   surroundings.tracer.finish();
-  if (hits > 0) read_hits(drone, surroundings, scan);
   if (has_errors) add_errors(drone, surroundings.state, scan);
 }
 
-void Lidar::read_hits(DroneIndex drone, const Surroundings& surroundings, const Scan& scan) const {
-  const trace::Echoes& echoes = *surroundings.scene_of(drone).echoes();
-  // Calls f(run, first) for beams side by side, of which the first one begins at `first` in the scan.
-  const auto for_each_run = [&](const auto& f) {
-    const PosePath path = path_of(drone, surroundings.state);
-    const BeamPattern& beams = settings_.optics(drone).beams;
-    BeamRun run{};
-    const auto aim = [&](const Pose& pose) {
-      run.rotation = pose.rotation.toRotationMatrix();
-      run.origin = pose.position + trace::rotated(run.rotation, offset_of(drone));
-    };
-    aim(path.to);
-    for_each_row(beams, [&](std::size_t from, std::size_t to, std::size_t count) {
-      if (is_rolling()) aim(pose_at(path, to % beams.columns));
-      run.x = beams.x.data() + from;
-      run.y = beams.y.data() + from;
-      run.z = beams.z.data() + from;
-      run.ranges = scan.ranges.data() + to;
-      run.count = count;
-      f(run, to);
-    });
-  };
-  if (!scan.intensity.empty() && echoes.first_triangle < echoes.num_elements) {
-    for_each_run([&](const BeamRun& run, std::size_t first) {
-      write_triangle_cosines(echoes, run, scan.elements.data() + first, scan.intensity.data() + first);
-    });
-  }
-  const LeastReturn least = least_return_of(errors_of(drone));
-  if (!read_world(echoes, least, scan)) return;
-  const BeamTargets targets = targets_of(drone, surroundings);
-  for_each_run([&](const BeamRun& run, std::size_t first) {
-    const auto has_same_hit = [&](std::size_t beam, std::size_t as) {
-      return scan.elements[beam] == scan.elements[as] && scan.triangles[beam] == scan.triangles[as] &&
-             scan.is_unread(beam, echoes);
-    };
-    for (std::size_t i = 0, same = 1; i < run.count; i += same) {  // neighbours mostly hit the same
-      same = 1;
-      const std::size_t beam = first + i;
-      if (!scan.is_unread(beam, echoes)) continue;
-      while (i + same < run.count && has_same_hit(beam + same, beam)) ++same;
-      targets.read(scan.elements[beam], scan.triangles[beam], run.part(i, same), least, scan.outputs(beam, same));
-    }
-  });
+trace::EchoTarget Lidar::echoes_of(DroneIndex drone, trace::EchoReader& reader, std::size_t first) const {
+  const RangeErrors& errors = errs_ ? errors_of(drone) : config_.errors;  // without errors, those of no drone are read
+  if (!config_.outputs.any() && !errors.need_surfaces()) return {};
+  return {&reader, drone, first, config_.outputs.intensity || errors.need_surfaces(), least_return_of(errors)};
 }
 
 // Beams that the errors lose also lose their outputs.
@@ -371,7 +336,7 @@ void Lidar::add_errors(std::span<const DroneIndex> drones, const State& state) {
   if (!errs_) return;
   for (const DroneIndex drone : drones) {
     if (errors_of(drone) == RangeErrors()) continue;
-    const Scan scan = scan_of(drone, drone);
+    const Scan scan = scan_of(drone);
     add_errors(drone, state, scan);
     for_each_output(readings_.truth(), config_.outputs, [&](const auto&, auto& values) {
       for (std::size_t ray = 0; ray < rays_; ++ray) {
@@ -410,7 +375,7 @@ void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const Stat
   };
   const PosePath path = path_of(drone, state);
   if (!is_rolling()) aim(path.to);
-  const auto trace_pattern = [&](const BeamPattern& pattern, std::span<float> ranges, const trace::HitRows& hits) {
+  const auto trace_pattern = [&](const BeamPattern& pattern, std::span<float> ranges, const trace::EchoTarget& echoes) {
     for (const BeamTile& tile : pattern.tiles) {
       const std::size_t first = tile.channel * pattern.columns + tile.beam;
       if (is_rolling()) aim(pose_at(path, tile.beam));
@@ -422,12 +387,11 @@ void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const Stat
                       .frustum = &tile.frustum,
                       .view = tile.view < 0 ? nullptr : &pattern.views[static_cast<std::size_t>(tile.view)],
                       .fan = tile.fan < 0 ? nullptr : &pattern.fans[static_cast<std::size_t>(tile.fan)]},
-                     ranges.data() + first, pattern.columns, hits.from(first));
+                     ranges.data() + first, pattern.columns, echoes.from(first));
     }
   };
   const BeamOptics& optics = settings_.optics(drone);
-  const auto begin = [](auto values) { return values.empty() ? nullptr : values.data(); };
-  trace_pattern(optics.beams, scan.ranges, {begin(scan.elements), begin(scan.triangles), begin(scan.intensity)});
+  trace_pattern(optics.beams, scan.ranges, scan.echoes);
   if (!scan.edges.empty()) trace_pattern(optics.edges, scan.edges, {});
 }
 

@@ -18,6 +18,7 @@
 #include "sensors/drone_settings.hpp"
 #include "sensors/scan_motion.hpp"
 #include "sensors/sensor.hpp"
+#include "trace/echoes.hpp"
 #include "trace/tracer.hpp"
 
 namespace flockstep::sensors {
@@ -86,28 +87,24 @@ class Lidar final : public SensorOf<LidarReadings> {
   }
   // Returns the drone's pose when a column of beams is traced.
   Pose pose_at(const PosePath& path, std::size_t column) const;
-  // slot: the drone whose place its hits take
-  Scan scan_of(DroneIndex drone, DroneIndex slot) {
-    const auto row = [&](DroneIndex of, auto& values, bool is_needed = true) {
-      return is_needed && !values.empty() ? std::span(values).subspan(of * rays_, rays_) : std::span(values).first(0);
-    };
-    LidarReadings& readings = readings_.truth();
-    if (elements_.empty() && edges_.empty()) return {.ranges = row(drone, readings.ranges)};  // of most LiDARs, so it is fast
-    const RangeErrors& errors = errors_of(drone);
-    const bool has_hits = config_.outputs.any() || errors.need_surfaces();
-    return {
-        .ranges = row(drone, readings.ranges),
-        .elements = row(slot, elements_, has_hits),
-        .triangles = row(slot, triangles_, has_hits),
-        .intensity = config_.outputs.intensity ? row(drone, readings.intensity) : row(drone, cosines_, errors.need_surfaces()),
-        .semantic = row(drone, readings.semantic),
-        .instance = row(drone, readings.instance),
-        .edges = row(drone, edges_, errors.divergence_mrad > 0.0F)};
+  // Where the beams of a drone are written. Spans of what is not needed are empty.
+  struct Scan {
+    std::span<float> ranges;
+    std::span<float> edges;  // ranges of the rays at the edges of the beams
+    trace::EchoTarget echoes;
+  };
+  // reader: null if only ranges are needed
+  Scan scan_of(DroneIndex drone, trace::EchoReader* reader = nullptr) {
+    const auto row = [&](std::vector<float>& values) { return std::span(values).subspan(drone * rays_, rays_); };
+    const bool has_edges = !edges_.empty() && errors_of(drone).divergence_mrad > 0.0F;
+    return {.ranges = row(readings_.truth().ranges),
+            .edges = has_edges ? row(edges_) : std::span<float>(),
+            .echoes = reader == nullptr ? trace::EchoTarget() : echoes_of(drone, *reader, drone * rays_)};
   }
+  // first: place of the drone's beams in the reader's arrays
+  trace::EchoTarget echoes_of(DroneIndex drone, trace::EchoReader& reader, std::size_t first) const;
   void trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                    trace::Tracer& tracer) const;
-  // Drops beams that the errors lose at the surfaces that they hit, and writes the outputs of the others.
-  void read_hits(DroneIndex drone, const Surroundings& surroundings, const Scan& scan) const;
   void add_errors(DroneIndex drone, const State& state, const Scan& scan) const;
   // Throws std::invalid_argument if a drone's setting is invalid, or needs memory that the LiDAR does not have.
   void check_setting(const LidarConfig& config) const;
@@ -120,12 +117,10 @@ class Lidar final : public SensorOf<LidarReadings> {
   std::size_t rays_;
   std::uint32_t number_;  // number among the drone's LiDARs; each has its own errors
   DroneSettings<LidarConfig, BeamOptics> settings_;
-  // (N, rays) of the scans in progress; empty if not needed. Intensities are in the place of their cosines.
-  std::vector<std::int32_t> elements_, triangles_;
-  std::vector<float> cosines_, edges_;
-  bool errs_;          // some drone has, or had, errors
-  float scan_ticks_;   // ticks that a scan takes
-  ScanMotion motion_;  // of no drones unless scans take time
+  std::vector<float> edges_;  // (N, rays) of the scans in progress; empty if not needed
+  bool errs_;                 // some drone has, or had, errors
+  float scan_ticks_;          // ticks that a scan takes
+  ScanMotion motion_;         // of no drones unless scans take time
   std::atomic<bool> has_scanned_{false};
 };
 

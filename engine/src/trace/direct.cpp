@@ -32,7 +32,7 @@ HWY_INLINE void store(const Nearest<Rays, kNumbers>& nearest, Rays range, float*
 template <Numbers kNumbers>
 HWY_INLINE void leave_room(const Candidate& room, const Rays3& o, const Rays3& direction, Nearest<Rays, kNumbers>& nearest) {
   const float* const half = room.shape->half_extents;
-  Fraction<Rays> first{kInfinity, 1.0F, 0.0F};
+  Fraction<Rays> first{kInfinity, 1.0F, 1.0F};  // cosines of walls are their denominators, so no others are selected
   if (room.walls[0]) first = min(first, slab_exit(o.x, direction.x, half[0]));
   if (room.walls[1]) first = min(first, slab_exit(o.y, direction.y, half[1]));
   if (room.walls[2]) first = min(first, slab_exit(o.z, direction.z, half[2]));

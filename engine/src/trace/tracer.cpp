@@ -18,17 +18,16 @@ void forget_hits(Rays& rays) {
   std::fill_n(rays.t_hit, rays.count, std::numeric_limits<float>::infinity());
   std::fill_n(rays.element, rays.count, -1);
   if constexpr (requires { rays.cosine; }) {
-    if (rays.has_cosines) std::fill_n(rays.cosine, rays.count, HitRows::kNoCosine);
+    if (rays.has_cosines) std::fill_n(rays.cosine, rays.count, BeamHits::kNoCosine);
   }
 }
 
 // Copies values that SIMD code has just stored. Each copied piece lies within one of these stores, so the processor can forward
 // it. Otherwise the load would wait until the stores reach the cache.
-template <class T>
-void copy_values(const T* from, std::size_t count, T* to) {
+void copy_values(const float* from, std::size_t count, float* to) {
   constexpr std::size_t kPiece = 4;
   std::size_t i = 0;
-  for (; i + kPiece <= count; i += kPiece) std::memcpy(to + i, from + i, kPiece * sizeof(T));
+  for (; i + kPiece <= count; i += kPiece) std::memcpy(to + i, from + i, kPiece * sizeof(float));
   switch (count - i) {
     case 3:
       to[i + 2] = from[i + 2];
@@ -106,9 +105,9 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
   return bundle_;
 }
 
-void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride, const HitRows& hits) {
-  bundle_.numbered = hits.elements != nullptr;
-  bundle_.has_cosines = hits.cosines != nullptr;
+void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride, const EchoTarget& echoes) {
+  bundle_.numbered = echoes.reader != nullptr;
+  bundle_.has_cosines = echoes.needs_cosines;
   const bool in_slice = sliced_ != nullptr && tile.fan != nullptr && candidates_.triangles;
   const bool in_view = !in_slice && tree_ != nullptr && tile.view != nullptr && candidates_.triangles;
   if (!trace_candidates(tile)) {
@@ -116,12 +115,12 @@ void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride, con
       forget_hits(bundle_);
       bundle_.has_cosines = false;  // a primitive may yet take the place of a body
       meet_bodies();                // before the rays leave the bundle
-      return wait(tile, ranges, stride, hits, for_everything_);
+      return wait(tile, ranges, stride, echoes, for_everything_);
     }
     trace_by_embree();
   } else if (candidates_.triangles && !in_slice && !in_view) {
     meet_bodies();
-    return wait(tile, ranges, stride, hits, for_triangles_);
+    return wait(tile, ranges, stride, echoes, for_triangles_);
   }
   if (in_slice) {
     const SliceWalk walk = was_ordered_faster_ ? SliceWalk::ordered : SliceWalk::automatic;
@@ -129,13 +128,15 @@ void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride, con
   }
   if (in_view) trace_view(*tile.view, tile.rows, tile.width, is_nothing_near());
   meet_bodies();
-  const auto write = [&](const auto* values, auto* to) {
-    for (std::size_t row = 0; row < tile.rows; ++row) copy_values(values + row * tile.width, tile.width, to + row * stride);
-  };
-  write(bundle_.t_hit, ranges);
-  if (hits.elements != nullptr) write(bundle_.element, hits.elements);
-  if (hits.cosines != nullptr) write(bundle_.cosine, hits.cosines);
-  if (hits.triangles != nullptr && !near_bodies_.meshes().empty()) write(details_.triangle, hits.triangles);
+  if (echoes.reader != nullptr) {
+    return echoes.write(*scene_->echoes(),
+                        {bundle_.origin, bundle_.rotation, bundle_.x, bundle_.y, bundle_.z, bundle_.t_hit, bundle_.element,
+                         details_.triangle, bundle_.cosine, bundle_.count},
+                        ranges, tile.width, stride);
+  }
+  for (std::size_t row = 0; row < tile.rows; ++row) {
+    copy_values(bundle_.t_hit + row * tile.width, tile.width, ranges + row * stride);
+  }
 }
 
 void Tracer::finish() {
@@ -297,34 +298,46 @@ void Tracer::note(std::size_t rays, std::size_t packets) {
 }
 
 // Adds the bundle's rays, with their hits so far, to the waiting ones.
-void Tracer::wait(const RayTile& tile, float* ranges, std::size_t stride, const HitRows& hits, Waiting& waiting) {
+void Tracer::wait(const RayTile& tile, float* ranges, std::size_t stride, const EchoTarget& echoes, Waiting& waiting) {
   for (std::size_t row = 0; row < tile.rows; ++row) {
     for (std::size_t ray = 0; ray < tile.width;) {
       const std::size_t count = std::min(kMaxRays - waiting.rays.count, tile.width - ray);
       const std::size_t first = row * tile.width + ray, to = row * stride + ray;
+      waiting.segments[waiting.num_segments++] = {ranges + to, echoes.from(to), count};
+      if (echoes.reader != nullptr) std::copy_n(details_.triangle + first, count, waiting.triangle + waiting.rays.count);
+      if (echoes.needs_cosines) std::copy_n(bundle_.cosine + first, count, waiting.cosine + waiting.rays.count);
       append(bundle_, first, count, waiting.rays);
-      const HitRows row = hits.from(to);
-      waiting.segments[waiting.num_segments++] = {ranges + to, row.elements, count};
-      if (row.triangles != nullptr && !near_bodies_.meshes().empty()) {
-        std::copy_n(details_.triangle + first, count, row.triangles);
-      }
-      if (row.cosines != nullptr) std::copy_n(bundle_.cosine + first, count, row.cosines);
       if (waiting.rays.count == kMaxRays) deliver(waiting);
       ray += count;
     }
   }
 }
 
-// Traces the waiting rays and writes their distances and hits.
+// Traces the waiting rays and writes their distances and echoes.
 void Tracer::deliver(Waiting& waiting) {
   if (waiting.rays.count == 0) return;
   if (&waiting == &for_everything_) meet_primitives(waiting.rays);
+  const RayBlock& rays = waiting.rays;
   meet_triangles(*scene_, waiting.rays, nullptr);
   std::size_t first = 0;
-  for (const Waiting::Segment& segment : std::span(waiting.segments).first(waiting.num_segments)) {
-    std::copy_n(waiting.rays.t_hit + first, segment.count, segment.ranges);
-    if (segment.elements != nullptr) std::copy_n(waiting.rays.element + first, segment.count, segment.elements);
-    first += segment.count;
+  for (const auto& [ranges, echoes, count] : std::span(waiting.segments).first(waiting.num_segments)) {
+    if (echoes.reader == nullptr) {
+      std::copy_n(rays.t_hit + first, count, ranges);
+    } else {
+      echoes.write(*scene_->echoes(),
+                   {{rays.org_x[first], rays.org_y[first], rays.org_z[first]},
+                    Mat3::Identity(),
+                    rays.dir_x + first,
+                    rays.dir_y + first,
+                    rays.dir_z + first,
+                    rays.t_hit + first,
+                    rays.element + first,
+                    waiting.triangle + first,
+                    waiting.cosine + first,
+                    count},
+                   ranges, count, count);
+    }
+    first += count;
   }
   waiting.rays.count = waiting.num_segments = 0;
 }

@@ -13,6 +13,7 @@
 #include "flockstep/config.hpp"
 #include "flockstep/pose.hpp"
 #include "trace/bodies.hpp"
+#include "trace/echoes.hpp"
 #include "trace/frustum.hpp"
 #include "trace/mesh_slices.hpp"
 #include "trace/mesh_tiles.hpp"
@@ -67,22 +68,6 @@ struct RayTile {
   bool is_rectangle = false;                  // see RayBundle
 };
 
-// Places to which enqueue() writes the hits of rays. Null: they are not needed.
-struct HitRows {
-  static constexpr float kNoCosine = -1.0F;
-
-  std::int32_t* elements = nullptr;   // as in RayBundle; bodies have the numbers that their Bodies give them
-  std::int32_t* triangles = nullptr;  // with elements: numbers in the meshes of bodies; not written for other hits
-  // With elements: cosines of the angles between rays, which are unit, and normals. Only for hits on solids, and kNoCosine for
-  // those not traced directly. What is written for other hits means nothing.
-  float* cosines = nullptr;
-
-  HitRows from(std::size_t first) const {
-    const auto after = [&](auto* row) { return row == nullptr ? nullptr : row + first; };
-    return {after(elements), after(triangles), after(cosines)};
-  }
-};
-
 // Counts of rays and packets that Embree traced against triangles, shadow rays included.
 struct EmbreeUse {
   std::int64_t rays = 0;
@@ -95,7 +80,7 @@ struct EmbreeUse {
   }
 };
 
-// Each thread needs its own. It takes about 90 KB, so create it once. Tracing allocates nothing. A ray's result has the same
+// Each thread needs its own. It takes about 110 KB, so create it once. Tracing allocates nothing. A ray's result has the same
 // bits beside any other rays. Only in trace() it depends on the ray's tile, which is always the same for a pixel. Call under
 // FlushDenormals.
 class Tracer {
@@ -108,12 +93,12 @@ class Tracer {
   // readable up to a multiple of 4 rows.
   const RayBundle& trace(const RayTile& tile);
 
-  // Writes the distances of a tile, row by row, to ranges, ranges + stride and so on, and its hits alike.
+  // Writes the distances of a tile, row by row, to ranges, ranges + stride and so on, and what the target of echoes reads. Its
+  // reader must exist until the rays are traced, and it requires Scene::prepare_echoes().
   // Rays for Embree wait until they fill a block with those of other sensors; finish() traces the rest. All others are written
-  // at once. Where two surfaces touch, distances with and without hits may differ by rounding.
-  void enqueue(const RayTile& tile, float* ranges, std::size_t stride, const HitRows& hits = {});
+  // at once. Where two surfaces touch, distances with and without echoes may differ by rounding.
+  void enqueue(const RayTile& tile, float* ranges, std::size_t stride, const EchoTarget& echoes = {});
   void finish();
-  bool is_finished() const { return for_everything_.rays.count + for_triangles_.rays.count == 0; }  // no rays wait
 
   // Rays of arbitrary origins. The caller sets `near` and, for the first `count` rays, everything except t_hit and element.
   RayBlock& block() { return block_; }
@@ -133,12 +118,14 @@ class Tracer {
  private:
   // Rays of several sensors, with their hits so far.
   struct Waiting {
-    struct Segment {  // consecutive rays, and the destinations of their distances and hits
+    struct Segment {  // consecutive rays, and the destinations of their distances and echoes
       float* ranges;
-      std::int32_t* elements;  // may be null
+      EchoTarget echoes;
       std::size_t count;
     };
     RayBlock rays;
+    alignas(64) RayFloats cosine;  // as in BeamHits, of the hits so far
+    alignas(64) RayInts triangle;
     std::array<Segment, kMaxRays> segments;
     std::size_t num_segments = 0;
   };
@@ -154,7 +141,7 @@ class Tracer {
   void meet_mesh(const PosedMesh& mesh);
   void meet_mesh(const PosedMesh& mesh, const RayTile& picture);
   void note(std::size_t rays, std::size_t packets);  // adds to embree_use_ unless packets is 0
-  void wait(const RayTile& tile, float* ranges, std::size_t stride, const HitRows& hits, Waiting& waiting);
+  void wait(const RayTile& tile, float* ranges, std::size_t stride, const EchoTarget& echoes, Waiting& waiting);
   void deliver(Waiting& waiting);
 
   const Scene* scene_ = nullptr;      // scene of the sensor

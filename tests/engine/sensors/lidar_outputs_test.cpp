@@ -26,8 +26,8 @@ TEST(LidarScan, IsTheReadingOfItsDrone) {
   }
 }
 
-// A table of the playground's surfaces is one of few entries or of many, depending on the target. No row of beams is a whole
-// number of vectors.
+// A table of the playground's surfaces has one vector, two or more, depending on the target. No row of beams is a whole number of
+// vectors.
 TEST(LidarOutputs, HaveTheSameBitsOnEverySimdTarget) {
   LidarConfig lidar{.channels = 5, .beams = 37, .hfov_deg = 360.0F, .vfov_deg = 60.0F, .max_range_m = 8.0F};
   lidar.outputs = {.semantic = true, .instance = true, .intensity = true};

@@ -139,6 +139,7 @@ GRIDS = {
     "views": {"channels": 32, "beams": 48, "hfov_deg": 90, "vfov_deg": 60},
     "narrow": {"channels": 19, "beams": 13, "hfov_deg": 90, "vfov_deg": 60},
     "column": {"channels": 70, "beams": 1, "vfov_deg": 100},
+    "columns": {"channels": 12, "beams": 9, "hfov_deg": 90, "vfov_deg": 60, "scan_time_s": 0.01},
 }
 
 
