@@ -21,6 +21,7 @@ struct Scan {
   std::span<float> intensity;                   // cosines as in trace::HitRows, until they are read
   std::span<std::uint16_t> semantic, instance;
   std::span<float> edges;  // ranges of the rays at the edges of the beams
+  float turn_deg = 0.0F;   // see LidarReadings
 
   // True if a beam needs the closer look of BeamTargets::read().
   bool is_unread(std::size_t beam, const trace::Echoes& echoes) const {

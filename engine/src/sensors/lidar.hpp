@@ -6,8 +6,10 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "flockstep/sensors/lidar.hpp"
@@ -26,6 +28,11 @@ namespace flockstep::sensors {
 struct BeamOptics {
   BeamPattern beams, edges;
 };
+
+// Returns false for an array that such a LiDAR leaves empty.
+inline bool writes(const LidarConfig& config, std::string_view array) {
+  return array == "turn_deg" ? config.turn_deg != 0.0F : is_written(config, array);
+}
 
 class Lidar final : public SensorOf<LidarReadings> {
  public:
@@ -50,7 +57,7 @@ class Lidar final : public SensorOf<LidarReadings> {
   void write_directions(DroneIndex drone, std::span<float> out) const;  // one drone's, (channels, beams, 3)
   void write_points(const State& state, std::span<float> out) const;    // same shape, m, world frame; inf on a miss
 
-  // Scans now, with the drone's own setting. ranges: exact, or with the errors of the drone's latest reading.
+  // Scans now along write_directions(). ranges: exact, or with the errors of the drone's latest reading.
   void scan(DroneIndex drone, const Surroundings& surroundings, bool has_errors, std::span<float> ranges) const;
 
   void begin(DroneIndex drone, const State& state) override;
@@ -58,7 +65,7 @@ class Lidar final : public SensorOf<LidarReadings> {
   void clear(DroneIndex drone) override;
   void list_arrays(const std::function<void(const ArrayView&)>& list) const override {
     for_each_view(readings(), items_of(config_), [&](const ArrayView& array) {
-      if (is_written(config_, array.name)) list(array);
+      if (writes(config_, array.name)) list(array);
     });
   }
   void visit(ArrayVisitor& visitor) override;
@@ -77,6 +84,14 @@ class Lidar final : public SensorOf<LidarReadings> {
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
 
   bool is_rolling() const { return config_.scan_time_s > 0.0F; }
+  bool turns() const { return config_.turn_deg != 0.0F; }
+  float turn_deg_of(const LidarReadings& readings, DroneIndex drone) const { return turns() ? readings.turn_deg[drone] : 0.0F; }
+  // Returns the rotation of turned beams, body frame; none if they are not turned.
+  std::optional<Mat3> turn_of(DroneIndex drone, float turn_deg) const {
+    return turn_deg == 0.0F ? std::nullopt : std::optional(turn_about_z(settings_[drone].quat_wxyz, turn_deg));
+  }
+  // Turns the beams of the readings that drones take now.
+  void turn_readings(std::span<const DroneIndex> drones, const Surroundings& surroundings);
   std::int64_t tick_of(DroneIndex drone, const State& state) const {
     return state.tick[RandomKey::of(drone, drones_per_env_).env];
   }
@@ -92,7 +107,10 @@ class Lidar final : public SensorOf<LidarReadings> {
       return is_needed && !values.empty() ? std::span(values).subspan(of * rays_, rays_) : std::span(values).first(0);
     };
     LidarReadings& readings = readings_.truth();
-    if (elements_.empty() && edges_.empty()) return {.ranges = row(drone, readings.ranges)};  // of most LiDARs, so it is fast
+    const float turn_deg = turn_deg_of(readings, drone);
+    if (elements_.empty() && edges_.empty()) {  // of most LiDARs, so it is fast
+      return {.ranges = row(drone, readings.ranges), .turn_deg = turn_deg};
+    }
     const RangeErrors& errors = errors_of(drone);
     const bool has_hits = config_.outputs.any() || errors.need_surfaces();
     return {
@@ -102,7 +120,8 @@ class Lidar final : public SensorOf<LidarReadings> {
         .intensity = config_.outputs.intensity ? row(drone, readings.intensity) : row(drone, cosines_, errors.need_surfaces()),
         .semantic = row(drone, readings.semantic),
         .instance = row(drone, readings.instance),
-        .edges = row(drone, edges_, errors.divergence_mrad > 0.0F)};
+        .edges = row(drone, edges_, errors.divergence_mrad > 0.0F),
+        .turn_deg = turn_deg};
   }
   void trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                    trace::Tracer& tracer) const;
