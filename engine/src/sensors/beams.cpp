@@ -14,6 +14,7 @@ namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 constexpr std::size_t kTileWidth = trace::kTileWidth;  // beams; a full vector, and few enough for a narrow view
+constexpr std::size_t kTileHeightOfWaves = 8;          // channels; few enough for a view, though they rise and fall
 constexpr std::size_t kFan = 64;                       // largest number of beams of a single channel that form one tile
 
 // Returns the angle of element `index`, evenly spaced over [-fov/2, fov/2]. A full circle omits the end, which equals the
@@ -110,7 +111,7 @@ class PatternMaker {
         is_rolling_(config.scan_time_s > 0.0F),
         channels_(static_cast<std::size_t>(config.rows())),
         columns_(static_cast<std::size_t>(config.columns())),
-        tallest_(config.waves > 0.0F ? 1 : trace::kMaxRays / kTileWidth),
+        tallest_(config.waves > 0.0F ? kTileHeightOfWaves : trace::kMaxRays / kTileWidth),
         mounting_(mounting_of(config.quat_wxyz)) {
     for (std::size_t channel = 0; channel < channels_; ++channel) {
       for (std::size_t beam = 0; beam < columns_; ++beam) directions_.push_back(beam_direction(config, channel, beam));
@@ -203,7 +204,7 @@ class PatternMaker {
   const float range_m_;
   const bool is_rolling_;  // the beams of a column are in tiles of their own
   const std::size_t channels_, columns_;
-  const std::size_t tallest_;  // channels of a tile; those of waves are far apart
+  const std::size_t tallest_;  // largest number of channels in a tile
   const Eigen::Matrix3d mounting_;
   std::vector<Eigen::Vector3d> directions_;  // by channel and beam, before the mounting rotation
   BeamPattern pattern_;

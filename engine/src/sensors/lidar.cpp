@@ -74,15 +74,15 @@ LidarConfig LidarConfig::preset(std::string_view product) {
                   .vfov_deg = 30.0F,
                   .max_range_m = 100.0F,
                   .errors = {.noise_std_m = 0.03F, .resolution_m = 0.002F, .min_range_m = 0.4F}},
-      // It scans a rosette that does not repeat. This one is ours, not Livox's: with its field of view, as many lines, and as
-      // many points at 10 Hz. The golden angle places the curves of a scan well between those of the scans before.
+      // It scans a rosette that does not repeat. This one is ours, not Livox's: with its field of view, and as many points at 10
+      // Hz. By the golden angle, the curves of a scan lie between those of the scans before.
       LidarConfig{.name = "mid-360",
-                  .channels = 4,
-                  .beams = 5000,
+                  .channels = 40,
+                  .beams = 500,
                   .hfov_deg = 360.0F,
                   .vfov_deg = 59.0F,
                   .vfov_center_deg = 22.5F,
-                  .waves = 22.0F,
+                  .waves = 3.0F,
                   .turn_deg = 137.50776F,
                   .max_range_m = 40.0F,
                   .errors = {.noise_std_m = 0.02F, .resolution_m = 0.001F, .min_range_m = 0.1F}},

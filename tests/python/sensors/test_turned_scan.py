@@ -13,6 +13,7 @@ from test_lidar_outputs import MOUNT, OUTPUTS, along, scanned
 
 import flockstep
 from flockstep import LidarConfig, RangeErrors
+from flockstep.bridges import BatchSource
 
 SIZE = np.array([8, 8, 4])
 ROOM = world_of(name="room", room={"min": [0, 0, 0], "max": SIZE.tolist()}, markers={"start": [4, 4, 2]})
@@ -89,6 +90,20 @@ def test_directions_ranges_and_points_are_those_of_the_twin(fields):
             ranges = in_room(origin, in_world)
             np.testing.assert_allclose(lidar.ranges[drone], ranges, rtol=3e-5)
             np.testing.assert_allclose(lidar.points[drone], origin + ranges[..., None] * in_world, atol=1e-4)
+
+
+def test_points_of_bridges_are_in_the_frame_of_the_lidar_which_does_not_turn():
+    batch = placed(
+        ROOM, [[3, 3, 2], [4, 3, 2]], lidar=LidarConfig(**ROSETTE, **MOUNT, turn_deg=TURN_DEG, max_range_m=5)
+    )
+    source = BatchSource(batch, [0, 1])
+    for _ in range(3):
+        batch.sense()
+        for drone in range(2):
+            points = batch.lidar().points[drone] - batch.position[drone] - np.float32(MOUNT["offset_m"])
+            hits = points[np.isfinite(batch.lidar().ranges[drone])]
+            expected = rotation(MOUNT["quat_wxyz"]).inv().apply(hits)
+            np.testing.assert_allclose(source.points("lidar", drone), expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("tracer", ["auto", "slices", "tiles", "embree"])

@@ -287,19 +287,6 @@ class TestEnvironments:
             expected = batch.lidar().points[0, 0] - [3, 3, 2]
             np.testing.assert_allclose(source.points("lidar", 0), expected, atol=1e-5)
 
-    def test_beams_that_turn(self):
-        """Points are in the frame of the sensor, which does not turn with its beams."""
-        lidar = flockstep.LidarConfig(channels=2, beams=48, vfov_deg=40, waves=2, turn_deg=137.5, quat_wxyz=TILT)
-        batch = placed("playground/train-1", [[3, 3, 2], [4, 3, 2]], lidar=lidar)
-        source = BatchSource(batch, [0, 1])
-        for _ in range(3):
-            batch.sense()
-            for drone in range(2):
-                points = batch.lidar().points[drone] - batch.position[drone]
-                hits = points[np.isfinite(points).all(axis=-1)]
-                expected = Rotation.from_quat(TILT, scalar_first=True).inv().apply(hits)
-                np.testing.assert_allclose(source.points("lidar", drone), expected, atol=1e-5)
-
     def test_removed_drones_and_stale_images(self, tmp_path):
         batch = batch_of(2, drones_per_env=1)
         batch.sense()
