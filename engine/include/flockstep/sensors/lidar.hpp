@@ -68,13 +68,12 @@ struct LidarConfig {
         field("hfov_deg", &C::hfov_deg, {.about = "Horizontal field of view.", .unit = "deg", .limits = above_up_to(0, 360)}),
         field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0, 180)}),
         field("vfov_center_deg", &C::vfov_center_deg, {.about = "Elevation of its middle.", .unit = "deg", .limits = within(90)}),
-        field("waves", &C::waves,
-              {.about = "Waves of the elevation along a channel, from -vfov/2 to +vfov/2 around the middle. Channels differ in "
-                        "phase. 0: a grid.",
-               .limits = between(0, 1000)}),
+        field(
+            "waves", &C::waves,
+            {.about = "Waves of the elevation along a channel, +-vfov/2 around the middle. Channels differ in phase. 0: a grid.",
+             .limits = between(0, 1000)}),
         field("turn_deg", &C::turn_deg,
-              {.about = "Angle by which the beams of each reading are turned from the last, about the LiDAR's z axis, so that "
-                        "scans do not repeat.",
+              {.about = "Angle by which the beams turn about the LiDAR's z axis from reading to reading.",
                .unit = "deg",
                .limits = within(360)}),
         field(
