@@ -430,9 +430,11 @@ void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const Stat
                         trace::Tracer& tracer) const {
   const std::optional<Mat3> turn = turn_of(drone, scan.turn_deg);
   const auto aim = [&](const Pose& pose) {
-    const Mat3 rotation = pose.rotation.toRotationMatrix();
-    tracer.set_viewpoint(targets.scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
-                                         .rotation = turn ? Mat3(rotation * *turn) : rotation,
+    Mat3 rotation = pose.rotation.toRotationMatrix();
+    const Vec3 origin = pose.position + trace::rotated(rotation, offset_of(drone));
+    if (turn) rotation *= *turn;
+    tracer.set_viewpoint(targets.scene, {.origin = origin,
+                                         .rotation = rotation,
                                          .range = settings_[drone].max_range_m,
                                          .bodies = &targets.bodies.shapes,
                                          .drones = &targets.drones,
