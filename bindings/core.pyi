@@ -1397,7 +1397,7 @@ class Lidar:
     # arrays of Lidar
     @property
     def directions(self) -> _F32:
-        """(N, channels, beams, 3) unit, body frame; a copy."""
+        """Directions of the reading's beams, (N, channels, beams, 3) unit, body frame; a copy."""
 
     @property
     def points(self) -> _F32:

@@ -51,6 +51,9 @@ export interface LidarInfo {
   directions: string;
   offset_m: number[];
   reach_m: number;
+  /** Array of the angles in deg by which beams are turned, about an axis for each drone or for all of them. */
+  turn?: string;
+  turn_axes?: number[][];
 }
 
 export interface CameraInfo {

@@ -99,12 +99,17 @@ export class Overlays {
     const hits = this.hits.geometry.getAttribute("position") as THREE.BufferAttribute;
     let [beams, points] = [0, 0];
     const turn = new THREE.Quaternion();
+    const spin = new THREE.Quaternion();
     const origin = new THREE.Vector3();
     const end = new THREE.Vector3();
     for (const lidar of pose ? lidars : []) {
       turn.set(pose![3], pose![4], pose![5], pose![6]);
       origin.set(...(lidar.offset_m as [number, number, number])).applyQuaternion(turn);
       origin.add(end.set(pose![0], pose![1], pose![2]));
+      if (lidar.turn && lidar.turn_axes) {
+        const angle = THREE.MathUtils.degToRad(this.flight.value(this.flight.column(lidar.turn)!, step, drone));
+        turn.multiply(spin.setFromAxisAngle(end.fromArray(lidar.turn_axes[drone % lidar.turn_axes.length]), angle));
+      }
       const ranges = this.flight.column(lidar.ranges)!;
       const directions = this.flight.column(lidar.directions)!.values;
       const count = ranges.shape[2];

@@ -317,11 +317,11 @@ class FLOCKSTEP_API Batch::Lidar {
   const LidarReadings& readings() const;        // empty arrays if there is no such LiDAR
   void require_scan() const;                    // std::logic_error before the first scan, while all ranges are inf
   LidarConfig config(DroneIndex drone) const;   // one drone's, run-time changes included
-  void directions(std::span<float> out) const;  // (N, channels, beams, 3) unit, body frame
+  void directions(std::span<float> out) const;  // of the readings, (N, channels, beams, 3) unit, body frame
   void directions(DroneIndex drone, std::span<float> out) const;  // one drone's, (channels, beams, 3)
   void points(std::span<float> out) const;                        // (N, channels, beams, 3) m, world frame, inf on a miss
-  // Scans from the current pose of one drone and returns its ranges, (channels, beams) m, with the errors of its latest reading;
-  // the readings stay unchanged.
+  // Scans along directions() from the current pose of one drone and returns its ranges, (channels, beams) m, with the errors of
+  // its latest reading; the readings stay unchanged.
   void scan(DroneIndex drone, std::span<float> out) const;
   // From the next scan on. With beams or channels, the mask must select all drones; ranges are inf until that scan. A LiDAR that
   // was made without fans (BatchConfig::tracer) does not get any. Errors that need memory are refused if its configuration has

@@ -14,6 +14,7 @@ namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 constexpr std::size_t kTileWidth = trace::kTileWidth;  // beams; a full vector, and few enough for a narrow view
+constexpr std::size_t kTileHeightOfWaves = 8;          // channels; few enough for a view, though they rise and fall
 constexpr std::size_t kFan = 64;                       // largest number of beams of a single channel that form one tile
 
 // Returns the angle of element `index`, evenly spaced over [-fov/2, fov/2]. A full circle omits the end, which equals the
@@ -33,12 +34,22 @@ Eigen::Vector3d beam_direction(const LidarConfig& config, std::size_t channel, s
     elevation_deg = config.elevation_deg[beam];
   } else {
     azimuth_deg = spread_deg(static_cast<int>(beam), config.beams, config.hfov_deg);
-    elevation_deg =
-        static_cast<double>(config.vfov_center_deg) + spread_deg(static_cast<int>(channel), config.channels, config.vfov_deg);
+    elevation_deg = static_cast<double>(config.vfov_center_deg);
+    if (config.waves > 0.0F) {
+      const double waves = static_cast<double>(config.waves) * static_cast<double>(beam) / config.beams +
+                           static_cast<double>(channel) / config.channels;
+      elevation_deg += 0.5 * static_cast<double>(config.vfov_deg) * std::sin(2.0 * std::numbers::pi * waves);
+    } else {
+      elevation_deg += spread_deg(static_cast<int>(channel), config.channels, config.vfov_deg);
+    }
   }
   const double azimuth = azimuth_deg * kRadPerDeg;
   const double elevation = elevation_deg * kRadPerDeg;
   return {std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth), std::sin(elevation)};
+}
+
+Eigen::Matrix3d mounting_of(const std::array<float, 4>& q) {
+  return Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();
 }
 
 // Returns a direction at an angle from a beam. The golden angle turns the side from beam to beam.
@@ -99,9 +110,9 @@ class PatternMaker {
         range_m_(config.max_range_m),
         is_rolling_(config.scan_time_s > 0.0F),
         channels_(static_cast<std::size_t>(config.rows())),
-        columns_(static_cast<std::size_t>(config.columns())) {
-    const auto& q = config.quat_wxyz;
-    mounting_ = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();
+        columns_(static_cast<std::size_t>(config.columns())),
+        tallest_(config.waves > 0.0F ? kTileHeightOfWaves : trace::kMaxRays / kTileWidth),
+        mounting_(mounting_of(config.quat_wxyz)) {
     for (std::size_t channel = 0; channel < channels_; ++channel) {
       for (std::size_t beam = 0; beam < columns_; ++beam) directions_.push_back(beam_direction(config, channel, beam));
     }
@@ -166,7 +177,7 @@ class PatternMaker {
 
   // Adds tiles for the channels from begin to end.
   void add_grid(std::size_t begin, std::size_t end) {
-    const std::size_t height = std::min(end - begin, trace::kMaxRays / kTileWidth);
+    const std::size_t height = std::min(end - begin, tallest_);
     const std::size_t width = is_rolling_ ? 1 : channels_ == 1 && columns_ <= kFan ? columns_ : kTileWidth;
     for (std::size_t channel = begin; channel < end; channel += height) {
       for (std::size_t beam = 0; beam < columns_; beam += width) {
@@ -193,7 +204,8 @@ class PatternMaker {
   const float range_m_;
   const bool is_rolling_;  // the beams of a column are in tiles of their own
   const std::size_t channels_, columns_;
-  Eigen::Matrix3d mounting_;
+  const std::size_t tallest_;  // largest number of channels in a tile
+  const Eigen::Matrix3d mounting_;
   std::vector<Eigen::Vector3d> directions_;  // by channel and beam, before the mounting rotation
   BeamPattern pattern_;
 };
@@ -202,6 +214,11 @@ class PatternMaker {
 
 BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& policy, double beside_rad) {
   return PatternMaker(config, policy, beside_rad).make();
+}
+
+Mat3 turn_about_z(const std::array<float, 4>& quat_wxyz, float angle_deg) {
+  const Eigen::Vector3d axis = mounting_of(quat_wxyz).col(2);
+  return Eigen::AngleAxisd(static_cast<double>(angle_deg) * kRadPerDeg, axis).toRotationMatrix().cast<float>();
 }
 
 bool has_fans(const LidarConfig& config, TracerKind tracer) {

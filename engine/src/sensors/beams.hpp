@@ -1,6 +1,7 @@
 // Beams: the ray directions of a LiDAR in the body frame.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -38,6 +39,9 @@ BeamPattern make_pattern(const LidarConfig& config, const trace::TracePolicy& po
 
 // Returns true if some of the beams are traced as fans.
 bool has_fans(const LidarConfig& config, TracerKind tracer);
+
+// Returns the rotation of beams by this angle about the z axis of a LiDAR that is mounted so, in the body frame.
+Mat3 turn_about_z(const std::array<float, 4>& quat_wxyz, float angle_deg);
 
 // Writes the pattern's directions to out, shape (channels, beams, 3).
 void write_directions(const BeamPattern& pattern, float* out);

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <limits>
 #include <numbers>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -34,8 +35,10 @@ void LidarConfig::validate() const {
     require(hfov_deg == grid.hfov_deg, "lidar.hfov_deg", unset, hfov_deg);
     require(vfov_deg == grid.vfov_deg, "lidar.vfov_deg", unset, vfov_deg);
     require(vfov_center_deg == grid.vfov_center_deg, "lidar.vfov_center_deg", unset, vfov_center_deg);
+    require(waves == grid.waves, "lidar.waves", unset, waves);
   }
-  require(channels == 1 || std::abs(vfov_center_deg) + 0.5F * vfov_deg <= 90.0F, "lidar.vfov_center_deg",
+  const bool has_one_elevation = channels == 1 && waves == 0.0F;
+  require(has_one_elevation || std::abs(vfov_center_deg) + 0.5F * vfov_deg <= 90.0F, "lidar.vfov_center_deg",
           "at most 90 - vfov_deg / 2 from 0", vfov_center_deg);
   require(errors.resolution_m <= max_range_m, "lidar.errors.resolution_m", "at most lidar.max_range_m", errors.resolution_m);
   require(errors.min_range_m < max_range_m, "lidar.errors.min_range_m", "less than lidar.max_range_m", errors.min_range_m);
@@ -71,13 +74,16 @@ LidarConfig LidarConfig::preset(std::string_view product) {
                   .vfov_deg = 30.0F,
                   .max_range_m = 100.0F,
                   .errors = {.noise_std_m = 0.03F, .resolution_m = 0.002F, .min_range_m = 0.4F}},
-      // It scans a rosette. This is the grid of as many beams with its field of view.
+      // It scans a rosette that does not repeat. This one is ours, not Livox's: with its field of view, and as many points at 10
+      // Hz. By the golden angle, the curves of a scan lie between those of the scans before.
       LidarConfig{.name = "mid-360",
                   .channels = 40,
                   .beams = 500,
                   .hfov_deg = 360.0F,
                   .vfov_deg = 59.0F,
                   .vfov_center_deg = 22.5F,
+                  .waves = 3.0F,
+                  .turn_deg = 137.50776F,
                   .max_range_m = 40.0F,
                   .errors = {.noise_std_m = 0.02F, .resolution_m = 0.001F, .min_range_m = 0.1F}},
       LidarConfig{.name = "tfmini",
@@ -162,7 +168,7 @@ trace::TracePolicy policy_of(const LidarConfig& config, TracerKind tracer) {
 LidarReadings cleared(const LidarConfig& config, std::size_t num_drones) {
   LidarReadings readings;
   for_each_listed(readings, [&](const auto& entry, auto& values) {
-    if (is_written(config, entry.name)) allocate(entry, values, {.num_drones = num_drones, .num_rays = rays_of(config)});
+    if (writes(config, entry.name)) allocate(entry, values, {.num_drones = num_drones, .num_rays = rays_of(config)});
   });
   return readings;
 }
@@ -233,12 +239,18 @@ void Lidar::clear(DroneIndex drone) {
   SensorOf::clear(drone);
   if (is_rolling()) motion_.forget(drone);
   std::fill_n(readings_.published().ranges.data() + drone * rays_, rays_, kInfinity);
+  if (turns()) readings_.published().turn_deg[drone] = 0.0F;
   for_each_output(readings_.published(), config_.outputs,
                   [&](const auto&, auto& values) { std::fill_n(values.data() + drone * rays_, rays_, 0); });
 }
 
 void Lidar::write_directions(DroneIndex drone, std::span<float> out) const {
   sensors::write_directions(settings_.optics(drone).beams, out.data());
+  const std::optional<Mat3> turn = turn_of(drone, turn_deg_of(readings(), drone));
+  for (std::size_t ray = 0; turn && ray < rays_; ++ray) {
+    Eigen::Map<Vec3> direction(out.data() + 3 * ray);
+    direction = *turn * direction;
+  }
 }
 
 void Lidar::write_directions(std::span<float> out) const {
@@ -264,6 +276,7 @@ void Lidar::write_points(const State& state, std::span<float> out) const {
 void Lidar::visit(ArrayVisitor& visitor) {
   visitor.array("ranges", readings_.published().ranges);
   if (has_age()) visitor.array("ranges_age_s", readings_.published().age_s);
+  if (turns()) visitor.array("turn_deg", readings_.published().turn_deg);
   for_each_output(readings_.published(), config_.outputs,
                   [&](const auto& entry, auto& values) { visitor.array(entry.name, values); });
   if (is_rolling()) motion_.visit(visitor);
@@ -280,8 +293,17 @@ void Lidar::restored() {
   has_scanned_ = true;
 }
 
+void Lidar::turn_readings(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
+  for (const DroneIndex drone : drones) {
+    const std::int64_t reading = reading_of(surroundings.state, EnvIndex(surroundings.env_of(drone)));
+    const auto number = static_cast<double>(reading / std::max<std::int64_t>(period(), 1));
+    readings_.truth().turn_deg[drone] = static_cast<float>(std::fmod(number * static_cast<double>(config_.turn_deg), 360.0));
+  }
+}
+
 void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
   if (!drones.empty() && !has_scanned()) has_scanned_.store(true, std::memory_order_relaxed);
+  if (turns()) turn_readings(drones, surroundings);
   bool has_slices = false;  // this env's drones are in slices
   LidarReader reader(surroundings, readings_.truth());
   trace::EchoReader* const used_reader = config_.needs_hits() ? &reader : nullptr;
@@ -319,7 +341,7 @@ void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_er
   const bool needs_hits = has_errors && errors_of(drone).need_surfaces();
   LidarReadings no_outputs;
   LidarReader reader(surroundings, no_outputs);
-  const Scan scan{ranges, edges, needs_hits ? echoes_of(drone, reader, 0) : trace::EchoTarget()};
+  const Scan scan{ranges, edges, needs_hits ? echoes_of(drone, reader, 0) : trace::EchoTarget(), turn_deg_of(readings(), drone)};
   trace_beams(targets, drone, surroundings.state, scan, surroundings.tracer);
   surroundings.tracer.finish();
   if (has_errors) add_errors(drone, surroundings.state, scan);
@@ -364,9 +386,12 @@ void Lidar::add_errors(DroneIndex drone, const State& state, const Scan& scan) c
 
 void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                         trace::Tracer& tracer) const {
+  const std::optional<Mat3> turn = turn_of(drone, scan.turn_deg);
   const auto aim = [&](const Pose& pose) {
-    const Mat3 rotation = pose.rotation.toRotationMatrix();
-    tracer.set_viewpoint(targets.scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
+    Mat3 rotation = pose.rotation.toRotationMatrix();
+    const Vec3 origin = pose.position + trace::rotated(rotation, offset_of(drone));
+    if (turn) rotation *= *turn;
+    tracer.set_viewpoint(targets.scene, {.origin = origin,
                                          .rotation = rotation,
                                          .range = settings_[drone].max_range_m,
                                          .bodies = &targets.bodies.shapes,

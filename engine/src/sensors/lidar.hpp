@@ -6,8 +6,10 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "flockstep/sensors/lidar.hpp"
@@ -27,6 +29,11 @@ namespace flockstep::sensors {
 struct BeamOptics {
   BeamPattern beams, edges;
 };
+
+// Returns false for an array that such a LiDAR leaves empty.
+inline bool writes(const LidarConfig& config, std::string_view array) {
+  return array == "turn_deg" ? config.turn_deg != 0.0F : is_written(config, array);
+}
 
 class Lidar final : public SensorOf<LidarReadings> {
  public:
@@ -51,7 +58,7 @@ class Lidar final : public SensorOf<LidarReadings> {
   void write_directions(DroneIndex drone, std::span<float> out) const;  // one drone's, (channels, beams, 3)
   void write_points(const State& state, std::span<float> out) const;    // same shape, m, world frame; inf on a miss
 
-  // Scans now, with the drone's own setting. ranges: exact, or with the errors of the drone's latest reading.
+  // Scans now along write_directions(). ranges: exact, or with the errors of the drone's latest reading.
   void scan(DroneIndex drone, const Surroundings& surroundings, bool has_errors, std::span<float> ranges) const;
 
   void begin(DroneIndex drone, const State& state) override;
@@ -59,7 +66,7 @@ class Lidar final : public SensorOf<LidarReadings> {
   void clear(DroneIndex drone) override;
   void list_arrays(const std::function<void(const ArrayView&)>& list) const override {
     for_each_view(readings(), items_of(config_), [&](const ArrayView& array) {
-      if (is_written(config_, array.name)) list(array);
+      if (writes(config_, array.name)) list(array);
     });
   }
   void visit(ArrayVisitor& visitor) override;
@@ -78,6 +85,14 @@ class Lidar final : public SensorOf<LidarReadings> {
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
 
   bool is_rolling() const { return config_.scan_time_s > 0.0F; }
+  bool turns() const { return config_.turn_deg != 0.0F; }
+  float turn_deg_of(const LidarReadings& readings, DroneIndex drone) const { return turns() ? readings.turn_deg[drone] : 0.0F; }
+  // Returns the rotation of turned beams, body frame; none if they are not turned.
+  std::optional<Mat3> turn_of(DroneIndex drone, float turn_deg) const {
+    return turn_deg == 0.0F ? std::nullopt : std::optional(turn_about_z(settings_[drone].quat_wxyz, turn_deg));
+  }
+  // Turns the beams of the readings that drones take now.
+  void turn_readings(std::span<const DroneIndex> drones, const Surroundings& surroundings);
   std::int64_t tick_of(DroneIndex drone, const State& state) const {
     return state.tick[RandomKey::of(drone, drones_per_env_).env];
   }
@@ -92,6 +107,7 @@ class Lidar final : public SensorOf<LidarReadings> {
     std::span<float> ranges;
     std::span<float> edges;  // ranges of the rays at the edges of the beams
     trace::EchoTarget echoes;
+    float turn_deg;  // see LidarReadings
   };
   // reader: null if only ranges are needed
   Scan scan_of(DroneIndex drone, trace::EchoReader* reader = nullptr) {
@@ -99,7 +115,8 @@ class Lidar final : public SensorOf<LidarReadings> {
     const bool has_edges = !edges_.empty() && errors_of(drone).divergence_mrad > 0.0F;
     return {.ranges = row(readings_.truth().ranges),
             .edges = has_edges ? row(edges_) : std::span<float>(),
-            .echoes = reader == nullptr ? trace::EchoTarget() : echoes_of(drone, *reader, drone * rays_)};
+            .echoes = reader == nullptr ? trace::EchoTarget() : echoes_of(drone, *reader, drone * rays_),
+            .turn_deg = turn_deg_of(readings_.truth(), drone)};
   }
   // first: place of the drone's beams in the reader's arrays
   trace::EchoTarget echoes_of(DroneIndex drone, trace::EchoReader& reader, std::size_t first) const;

@@ -131,13 +131,15 @@ class BatchSource:
         """Return the hits of a LiDAR's latest scan in the sensor's frame."""
         index, lidar = self._indices[drone], self.batch.lidar(sensor)
         config = lidar.config_of(index)
+        half = np.radians(float(lidar.turn_deg[index])) / 2 if config.turn_deg else 0.0
+        turn = np.array([np.cos(half), 0, 0, np.sin(half)])
         if self._directions.get((sensor, index), (None,))[0] != config:
             quat = np.asarray(config.quat_wxyz, np.float64)
             directions = rotate(quat, lidar.directions[index].astype(np.float64), inverse=True)
-            self._directions[sensor, index] = config, directions
+            self._directions[sensor, index] = config, rotate(turn, directions, inverse=True)
         ranges = lidar.ranges[index]
         is_hit = np.isfinite(ranges)
-        points: Array = ranges[is_hit][:, None] * self._directions[sensor, index][1][is_hit]
+        points = rotate(turn, ranges[is_hit][:, None] * self._directions[sensor, index][1][is_hit])
         return points.astype(np.float32)
 
     def inertial(self, sensor: str, drone: int) -> tuple[Array, Array]:

@@ -167,7 +167,7 @@ class DroneOperations(SensorOperations):
         lidar
             Name of the LiDAR. Default: the first.
         directions
-            Return the directions of the beams, too. They change only with the settings.
+            Return the directions of the beams, too. They change only with the settings, and if ``turn_deg`` is set.
         """
         return _get_lidar_data(self.index, lidar, directions)
 

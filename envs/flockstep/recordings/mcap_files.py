@@ -283,6 +283,11 @@ def _require_shapes(arrays: Mapping[str, Array], settings: Mapping[str, Any], co
             raise ValueError(f"settings: expected directions of beams (1, B, 3), got {directions.shape}")
         lidar["directions"] = directions.tolist()
         listed[f"lidar.{lidar['name']}.ranges"] = "float32", ["N", str(directions.shape[1])]
+        listed[f"lidar.{lidar['name']}.turn_deg"] = "float32", ["N"]
+        axes = np.asarray(lidar.get("turn_axes", [[0, 0, 1]]), np.float32)
+        if axes.shape not in ((1, 3), (counts["N"], 3)):
+            raise ValueError(f"settings: expected axes of turned beams (1, 3), got {axes.shape}")
+        lidar["turn_axes"] = axes.tolist()
     listed |= {f"camera.{camera['name']}.image": ("int32", ["N"]) for camera in settings["cameras"]}
     for name in ("position", "quat_wxyz", "active", "world_index", "episode"):
         if name not in arrays:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import Batch, BodyConfig, Camera, Lidar, World, batch_keywords
+from flockstep.rotations import rotate
 
 Array: TypeAlias = npt.NDArray[Any]
 
@@ -105,12 +106,8 @@ class Moments:
         batch = self.batch
         lidars, cameras = [], []
         for lidar in batch.lidars:
-            directions = np.asarray(batch.lidar(lidar.name).directions[self.slices["N"]], np.float32)
-            directions = directions.reshape(self.drones, -1, 3)
-            if (directions == directions[0]).all():
-                directions = directions[:1]
-            kept = {"directions": directions.tolist(), "offset_m": list(lidar.offset_m)}
-            lidars.append({"name": lidar.name, "reach_m": lidar.max_range_m, **kept})
+            kept = {"name": lidar.name, "reach_m": lidar.max_range_m, "offset_m": list(lidar.offset_m)}
+            lidars.append({**kept, **self._beams(batch.lidar(lidar.name))})
         for camera in batch.cameras:
             tangents = [camera.width_px / 2 / camera.fx, camera.height_px / 2 / camera.fy]  # of half the fields of view
             kept = {"offset_m": list(camera.offset_m), "quat_wxyz": list(camera.quat_wxyz), "tangents": tangents}
@@ -118,6 +115,22 @@ class Moments:
         terms = list(batch.spec.reward_terms) if self.rows else []
         counts = {"num_envs": self.envs, "per_env": batch.drones_per_env, "rows": self.rows}
         return {**counts, "scanners": lidars, "cameras": cameras, "reward_terms": terms}
+
+    def _beams(self, lidar: Lidar) -> dict[str, Any]:
+        """Return the directions (N, B, 3) of a LiDAR's beams, and the axes (N, 3) if they turn about them; not turned.
+
+        What all drones have in common is listed once.
+        """
+        rows = self.slices["N"]
+        beams = {"directions": lidar.directions[rows].reshape(self.drones, -1, 3)}
+        if lidar.config.turn_deg:
+            mountings = np.array([lidar.config_of(rows.start + i).quat_wxyz for i in range(self.drones)], np.float32)
+            axes = rotate(mountings / np.linalg.norm(mountings, axis=1, keepdims=True), np.array([0, 0, 1], np.float32))
+            half = np.radians(lidar.turn_deg[rows, None]) / 2
+            turn = np.hstack([np.cos(half), np.sin(half) * axes])
+            beams = {"directions": rotate(turn[:, None], beams["directions"], inverse=True), "turn_axes": axes}
+        shared = {name: np.allclose(values, values[0], rtol=0, atol=2e-6) for name, values in beams.items()}
+        return {name: values[: 1 if shared[name] else None].tolist() for name, values in beams.items()}
 
     def _episodes(self) -> Array:
         """Return the number of each drone's episode, in which the steps of its images count from 0."""

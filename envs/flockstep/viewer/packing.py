@@ -249,6 +249,9 @@ def _lidar(packer: _Packer, lidar: dict[str, Any], recording: Recording, had: Ha
     if not had.goes_on:
         packer.add(f"{name}.directions", np.asarray(lidar["directions"], np.float32))
     kept = {"name": lidar["name"], "offset_m": lidar["offset_m"], "reach_m": most}
+    if f"{name}.turn_deg" in recording:
+        packer.add(f"{name}.turn_deg", recording[f"{name}.turn_deg"])
+        kept |= {"turn": f"{name}.turn_deg", "turn_axes": lidar["turn_axes"]}
     return {**kept, "ranges": f"{name}.ranges", "directions": f"{name}.directions"}
 
 

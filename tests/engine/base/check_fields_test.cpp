@@ -130,7 +130,7 @@ int count_refused(const std::string& prefix) {
 }
 
 TEST(CheckFields, IsCalledByEachConfiguration) {
-  EXPECT_EQ(count_refused<LidarConfig>("lidar."), 26);
+  EXPECT_EQ(count_refused<LidarConfig>("lidar."), 30);
   EXPECT_EQ(count_refused<CameraConfig>("camera."), 32);
   EXPECT_EQ(count_refused<DepthErrors>("camera.depth_errors."), 21);
   EXPECT_EQ(count_refused<ColorErrors>("camera.color_errors."), 12);

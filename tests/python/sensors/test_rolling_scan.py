@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import world_of
 from messages import refused
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation, Slerp
 
 import flockstep
@@ -18,12 +19,12 @@ GRID = {"channels": 3, "beams": 20, "hfov_deg": 360, "vfov_deg": 50, "max_range_
 STEP_S = 0.02
 
 
-def make(tracer="auto", seed=3, **fields):
+def make(tracer="auto", seed=3, worlds=ROOM, **fields):
     """Drones that tumble, with a LiDAR whose scans take time."""
     env = flockstep.DroneVectorEnv(
         3,
         task=flockstep.HoverConfig(),
-        worlds=ROOM,
+        worlds=worlds,
         tracer=tracer,
         policy_hz=1 / STEP_S,
         lidar=LidarConfig(**{**GRID, **MOUNT, **fields}),
@@ -43,16 +44,18 @@ def poses(env):
 
 
 def in_room(origin, direction):
-    """Return the distance to the wall that a ray from inside hits."""
+    """Return the distance to the wall that a ray from inside hits, and the cosine of the angle to its normal."""
     with np.errstate(divide="ignore"):
-        return np.where(direction > 0, (SIZE - origin) / direction, -origin / direction).min()
+        distances = np.where(direction > 0, (SIZE - origin) / direction, -origin / direction)
+    axis = distances.argmin()
+    return distances[axis], abs(direction[axis])
 
 
 def expected(env, drone, before, now, scan_time_s):
-    """Return the ranges of a scan that ends now; before: None if the drone has not moved."""
+    """Return ranges and cosines of a scan that ends now; before: None if the drone has not moved."""
     beams = env.batch.lidar().directions[drone].astype(float)
     channels, columns = beams.shape[:2]
-    ranges = np.empty((channels, columns))
+    hits = np.empty((2, channels, columns))
     for column in range(columns):
         age = scan_time_s * (1 - (column + 1) / columns)
         share = 0.0 if before is None else min(age / STEP_S, 1.0)
@@ -61,8 +64,8 @@ def expected(env, drone, before, now, scan_time_s):
         rotation = Slerp([0, 1], Rotation.concatenate([now[1][drone], start[1][drone]]))(share)
         origin = position + rotation.apply(MOUNT["offset_m"])
         for channel in range(channels):
-            ranges[channel, column] = in_room(origin, rotation.apply(beams[channel, column]))
-    return ranges
+            hits[:, channel, column] = in_room(origin, rotation.apply(beams[channel, column]))
+    return hits
 
 
 @pytest.mark.parametrize("scan_time_s", [0.01, 0.02, 0.05])
@@ -80,7 +83,7 @@ def test_columns_are_traced_from_the_pose_of_their_time(scan_time_s):
         now = poses(env)
         ranges = env.batch.lidar().ranges.copy()
         for drone in range(env.num_envs):
-            truth = expected(env, drone, before, now, scan_time_s)
+            truth, _ = expected(env, drone, before, now, scan_time_s)
             np.testing.assert_allclose(ranges[drone], truth, rtol=2e-5, atol=2e-5)
         np.testing.assert_allclose(ranges[..., -1], at_once.batch.lidar().ranges[..., -1], rtol=1e-5)
         moved = max(moved, np.abs(ranges - at_once.batch.lidar().ranges).max())
@@ -88,6 +91,28 @@ def test_columns_are_traced_from_the_pose_of_their_time(scan_time_s):
         np.testing.assert_array_equal(env.batch.lidar().ranges, ranges)
         before = now
     assert moved > 0.01
+
+
+def test_columns_of_turned_beams_are_traced_from_the_pose_of_their_time():
+    """In a room that is a mesh, whose intensities are read by the rotation of the beams."""
+    corners = np.array(list(np.ndindex(2, 2, 2))) * SIZE
+    walls = {"vertices": corners.tolist(), "triangles": ConvexHull(corners).simplices.tolist(), "material": "grey"}
+    materials = {"grey": {"base_color": [0.2, 0.4, 0.6]}}
+    room = world_of(name="mesh room", materials=materials, meshes=[walls], markers={"start": [4, 4, 2]})
+    waves = {"waves": 2.5, "turn_deg": 137.5, "outputs": ["intensity"]}
+    env, before, turns = make(worlds=room, scan_time_s=0.02, **waves), None, set()
+    for action in [None, *actions(4)]:
+        if action is not None:
+            env.step(action)
+        now, lidar = poses(env), env.batch.lidar()
+        for drone in range(env.num_envs):
+            ranges, cosines = expected(env, drone, before, now, 0.02)
+            np.testing.assert_allclose(lidar.ranges[drone], ranges, rtol=2e-5, atol=2e-5)
+            intensity = 0.4 * cosines / np.maximum(ranges, 1) ** 2
+            assert np.isclose(lidar.intensity[drone], intensity, rtol=1e-3, atol=1e-5).mean() > 0.99
+        before = now
+        turns.add(float(lidar.turn_deg[0]))
+    assert len(turns) == 5
 
 
 def test_a_drone_that_was_placed_has_not_moved():

@@ -112,6 +112,26 @@ def test_the_eye_is_the_camera_of_the_drone(tab, flight, flight_page):
     np.testing.assert_allclose(shown, [-left / forward, up / forward], atol=1e-5)
 
 
+def test_beams_that_turn_end_at_their_hits(tab, tmp_path):
+    lidar = {"channels": 2, "beams": 30, "vfov_deg": 60, "waves": 3, "turn_deg": 137.5, "quat_wxyz": (0.96, 0, 0.28, 0)}
+    envs = flockstep.DroneVectorEnv(1, worlds="playground/train-1", lidar=flockstep.LidarConfig(**lidar, max_range_m=9))
+    envs.reset(seed=0)
+    capture, points = Capture(envs), []
+    for _ in range(4):
+        envs.step(envs.action_space.sample())
+        capture.add()
+        points.append(envs.batch.lidar().points.reshape(-1, 3))
+    capture.recording().save(tmp_path / "turned.html")
+    opened(tab, tmp_path / "turned.html")
+    beams = "flockstep.page.stage.parts[0].overlays.beams.geometry.attributes.position.array"
+    for step, expected in enumerate(points):
+        drawn(tab, f"flockstep.page.seek({step / 10 + 1e-4})")
+        ends = np.reshape(tab.evaluate(f"[...{beams}.slice(0, {6 * 60})]"), (60, 2, 3))[:, 1]
+        is_hit = np.isfinite(expected[:, 0])
+        assert is_hit.sum() > 30
+        np.testing.assert_allclose(ends[is_hit], expected[is_hit], atol=1e-3)
+
+
 def test_two_flights_as_ghosts_and_side_by_side(tab, flight_page):
     opened(tab, flight_page)
     assert tab.evaluate("flockstep.flights.length") == 2

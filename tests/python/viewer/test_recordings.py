@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 from messages import refused
+from scipy.spatial.transform import Rotation
 from simple_tasks import Still
 
 import flockstep
@@ -134,6 +135,35 @@ def test_files_hold_the_readings_of_every_sensor(tmp_path):
     assert sorted(kept.names) == sorted({*read.names} - extra)
     doubled = {"lidar.top.max_range_m", "imu.imu.accelerometer", "barometer.barometer.pressure", "camera.front.rgb"}
     assert not doubled & {*read.names}
+
+
+@pytest.mark.parametrize("mountings", [1, 2])
+def test_beams_that_turn_are_kept_with_their_turns(mountings, tmp_path):
+    lidar = {"channels": 2, "beams": 9, "vfov_deg": 40, "waves": 2, "turn_deg": 137.5, "quat_wxyz": (0.8, 0.6, 0, 0)}
+    envs = flockstep.DroneVectorEnv(2, worlds="playground/train-1", lidar=flockstep.LidarConfig(**lidar))
+    envs.reset(seed=0)
+    if mountings == 2:
+        envs.batch.set_lidar([False, True], quat_wxyz=(0.96, 0, 0.28, 0))
+    envs.step(envs.action_space.sample())
+    capture, seen = Capture(envs), []
+    for _ in range(4):
+        envs.step(envs.action_space.sample())
+        capture.add()
+        seen.append(envs.batch.lidar().directions.reshape(2, -1, 3))
+    capture.recording().save(tmp_path / "flight.mcap")
+    for each in (capture.recording(), Recording(tmp_path / "flight.mcap")):
+        (scanner,) = each._contents.settings["scanners"]
+        directions, axes = scanner["directions"], scanner["turn_axes"]
+        assert len(directions) == len(axes) == mountings
+        turns = np.radians(each["lidar.lidar.turn_deg"])
+        for moment, drone in np.ndindex(4, 2):
+            turn = Rotation.from_rotvec(turns[moment, drone] * np.array(axes[drone % mountings]))
+            np.testing.assert_allclose(turn.apply(directions[drone % mountings]), seen[moment][drone], atol=2e-6)
+    wrong = capture.recording()
+    wrong._contents.settings["scanners"][0]["turn_axes"] = [[0, 1]]
+    wrong.save(tmp_path / "wrong.mcap")
+    with refused(ValueError, "settings", "(1, 3)", "(1, 2)"):
+        Recording(tmp_path / "wrong.mcap")
 
 
 def replaced_objects():

@@ -28,7 +28,8 @@ struct LidarOutputs {
   bool any() const { return semantic || instance || intensity; }  // true if one is chosen
 };
 
-// A grid of channels x beams, or a pattern of beams given by azimuth_deg and elevation_deg, lists of equal length.
+// A grid of channels x beams, as many along waves, or a pattern of beams given by azimuth_deg and elevation_deg, lists of equal
+// length.
 struct LidarConfig {
   std::string name = "lidar";
   int channels = 1;
@@ -36,6 +37,8 @@ struct LidarConfig {
   float hfov_deg = 270.0F;
   float vfov_deg = 0.0F;
   float vfov_center_deg = 0.0F;
+  float waves = 0.0F;
+  float turn_deg = 0.0F;
   float max_range_m = 3.0F;
   std::array<float, 3> offset_m{0, 0, 0};
   std::array<float, 4> quat_wxyz{1, 0, 0, 0};
@@ -65,6 +68,14 @@ struct LidarConfig {
         field("hfov_deg", &C::hfov_deg, {.about = "Horizontal field of view.", .unit = "deg", .limits = above_up_to(0, 360)}),
         field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0, 180)}),
         field("vfov_center_deg", &C::vfov_center_deg, {.about = "Elevation of its middle.", .unit = "deg", .limits = within(90)}),
+        field(
+            "waves", &C::waves,
+            {.about = "Waves of the elevation along a channel, +-vfov/2 around the middle. Channels differ in phase. 0: a grid.",
+             .limits = between(0, 1000)}),
+        field("turn_deg", &C::turn_deg,
+              {.about = "Angle by which the beams turn about the LiDAR's z axis from reading to reading.",
+               .unit = "deg",
+               .limits = within(360)}),
         field(
             "max_range_m", &C::max_range_m,
             {.about = "Maximum range. Beyond it is a miss: inf in metres, 1 when normalised.", .unit = "m", .limits = above(0)}),

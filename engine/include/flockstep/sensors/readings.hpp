@@ -48,6 +48,7 @@ struct LidarReadings {
   std::vector<float> ranges;
   std::vector<float> max_range_m;
   std::vector<float> age_s;
+  std::vector<float> turn_deg;
   std::vector<std::uint16_t> semantic;
   std::vector<std::uint16_t> instance;
   std::vector<float> intensity;
@@ -63,6 +64,10 @@ struct LidarReadings {
                .about = "inf on a miss. Raises `RuntimeError` before the first scan"}),
         array("max_range_m", &C::max_range_m, {.unit = "m", .writer = "set_lidar()", .about = "maximum range of each drone"}),
         array("ranges_age_s", &C::age_s, {.unit = "s", .writer = "LiDAR", .about = "age of the reading"}),
+        array("turn_deg", &C::turn_deg,
+              {.unit = "deg",
+               .writer = "LiDAR",
+               .about = "angle by which the reading's beams are turned. Empty if the configuration's is 0"}),
         array("semantic", &C::semantic,
               {.per = Per::ray, .values = Values::any, .writer = "LiDAR", .about = "semantic id of the hit, 0 on a miss"}),
         array("instance", &C::instance,
