@@ -88,7 +88,7 @@ HWY_INLINE void write_intensity(const Scan& scan, std::size_t i, F reflectance, 
   select(unread, trace::HitRows::kNoCosine, intensity).store_first(left, scan.intensity.data() + i);
   if (least.cosine <= 0.0F && least.intensity <= 0.0F) return;
   const F::Mask misses = without((cosine < least.cosine) | (intensity < least.intensity), unread);
-  select(misses, std::numeric_limits<float>::infinity(), range).store_first(left, scan.ranges.data() + i);
+  select(misses, -range, range).store_first(left, scan.ranges.data() + i);
 }
 
 template <class Value, bool kSmall>

@@ -26,6 +26,11 @@ struct Scan {
   bool is_unread(std::size_t beam, const trace::Echoes& echoes) const {
     return elements[beam] >= echoes.num_elements || (elements[beam] >= 0 && !intensity.empty() && intensity[beam] < 0.0F);
   }
+  void clear_outputs(std::size_t beam) const {
+    if (!intensity.empty()) intensity[beam] = 0.0F;
+    if (!semantic.empty()) semantic[beam] = 0;
+    if (!instance.empty()) instance[beam] = 0;
+  }
   // A part of the beams, without their hits, to be written.
   Scan outputs(std::size_t first, std::size_t count) const {
     const auto part = [&](const auto& all) { return all.empty() ? all : all.subspan(first, count); };
@@ -33,7 +38,7 @@ struct Scan {
   }
 };
 
-// Beams that return less miss.
+// Beams that return less are lost: their ranges become negative.
 struct LeastReturn {
   float cosine = 0.0F, intensity = 0.0F;
 };

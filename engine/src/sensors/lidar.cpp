@@ -366,18 +366,10 @@ void Lidar::read_hits(DroneIndex drone, const Surroundings& surroundings, const 
   });
 }
 
-// Beams that the errors lose also lose their outputs.
 void Lidar::add_errors(std::span<const DroneIndex> drones, const State& state) {
   if (!errs_) return;
   for (const DroneIndex drone : drones) {
-    if (errors_of(drone) == RangeErrors()) continue;
-    const Scan scan = scan_of(drone, drone);
-    add_errors(drone, state, scan);
-    for_each_output(readings_.truth(), config_.outputs, [&](const auto&, auto& values) {
-      for (std::size_t ray = 0; ray < rays_; ++ray) {
-        if (scan.ranges[ray] == kInfinity) values[drone * rays_ + ray] = 0;
-      }
-    });
+    if (errors_of(drone) != RangeErrors()) add_errors(drone, state, scan_of(drone, drone));
   }
 }
 
@@ -388,13 +380,21 @@ void Lidar::add_errors(DroneIndex drone, const State& state, const Scan& scan) c
     constexpr float kApart = 0.2F;  // m
     float& range = scan.ranges[ray];
     const float gap = scan.edges[ray] - range;
-    if (!std::isfinite(gap) || std::abs(gap) <= kApart) continue;
+    if (!std::isfinite(gap) || std::abs(gap) <= kApart || std::signbit(range)) continue;
     const auto index = static_cast<std::uint32_t>(rays_ * reading + ray);
     range += uniform01(draw(state, key, stream_named("mixed ranges"), index, number_)[0]) * gap;
   }
   const auto draws = static_cast<std::uint32_t>((rays_ + 1) / 2);  // of a reading
-  add_range_errors(errors_of(drone), settings_[drone].max_range_m,
+  const RangeErrors& errors = errors_of(drone);
+  add_range_errors(errors, settings_[drone].max_range_m,
                    input_of_draw(state, key, stream_named("range errors"), draws * reading, number_), scan.ranges);
+  if (!config_.outputs.any() && errors.clutter_per_m == 0.0F) return;
+  for (std::size_t ray = 0; ray < rays_; ++ray) {
+    float& range = scan.ranges[ray];
+    if (range < kInfinity && !std::signbit(range)) continue;
+    range = std::abs(range);
+    scan.clear_outputs(ray);  // the surface is not what the beam reads
+  }
 }
 
 void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
