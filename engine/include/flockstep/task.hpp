@@ -239,7 +239,7 @@ class Task {
 // Version of the binary interface between a task library and the engine. Increase it if a change to a header that this file
 // includes changes a layout, a virtual function or the meaning of a value; tests/python/project/test_compatibility.py notices
 // changes.
-#define FLOCKSTEP_TASK_FORMAT 10
+#define FLOCKSTEP_TASK_FORMAT 11
 
 // Version string on which a task library and the engine that loads it must agree: the interface and the layout of Eigen's types,
 // which options such as -march=native change.

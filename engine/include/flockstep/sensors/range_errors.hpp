@@ -49,13 +49,13 @@ struct RangeErrors {
                .unit = "m",
                .limits = at_least(0)}),
         field("dropout", &C::dropout, {.about = "Probability that a beam that hits reads as a miss.", .limits = between(0, 1)}),
-        field("dropout_per_m", &C::dropout_per_m,
-              {.about =
-                   "Extinction by rain, snow or fog, there and back. A beam that hits at r metres drops out with probability ``1 - "
-                   "(1 - dropout) * exp(-dropout_per_m * r)``. Fog of visibility V metres: 7.8 / V. Rain of R mm/h, by Marshall and "
-                   "Palmer's drops: 0.00073 R^0.63.",
-               .unit = "1/m",
-               .limits = between(0, 1)}),
+        field(
+            "dropout_per_m", &C::dropout_per_m,
+            {.about = "Extinction by rain, snow or fog, there and back. A beam that hits at r metres drops out with probability "
+                      "``1 - (1 - dropout) * exp(-dropout_per_m * r)``. Fog of visibility V metres: 7.8 / V. Rain of R mm/h, "
+                      "by Marshall and Palmer's drops: 0.00073 R^0.63.",
+             .unit = "1/m",
+             .limits = between(0, 1)}),
         field("max_incidence_deg", &C::max_incidence_deg,
               {.about = "A beam at a larger angle to a surface's normal misses.", .unit = "deg", .limits = between(0, 90)}),
         field("min_intensity", &C::min_intensity, {.about = "A beam of lower intensity misses.", .limits = between(0, 1)}));
