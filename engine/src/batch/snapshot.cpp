@@ -19,7 +19,7 @@ namespace flockstep {
 namespace {
 
 constexpr std::uint64_t kMagic = 0x504554534b434f4cULL;  // "LOCKSTEP"
-constexpr std::uint64_t kFormat = 17;                    // format of a snapshot; increment with each change
+constexpr std::uint64_t kFormat = 18;                    // format of a snapshot; increment with each change
 
 struct Header {
   std::uint64_t magic, format, config, length, checksum;

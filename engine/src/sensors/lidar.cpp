@@ -147,6 +147,11 @@ class LidarReader final : public trace::EchoReader {
   const Surroundings& surroundings_;
 };
 
+// See add_range_errors().
+void forget_signs(std::span<float> ranges) {
+  for (float& range : ranges) range = std::abs(range);
+}
+
 trace::LeastReturn least_return_of(const RangeErrors& errors) {
   const float max_incidence = errors.max_incidence_deg * (std::numbers::pi_v<float> / 180.0F);  // rad
   return {errors.max_incidence_deg < 90.0F ? std::cos(max_incidence) : 0.0F, errors.min_intensity};
@@ -344,7 +349,9 @@ void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_er
   const Scan scan{ranges, edges, needs_hits ? echoes_of(drone, reader, 0) : trace::EchoTarget(), turn_deg_of(readings(), drone)};
   trace_beams(targets, drone, surroundings.state, scan, surroundings.tracer);
   surroundings.tracer.finish();
-  if (has_errors) add_errors(drone, surroundings.state, scan);
+  if (!has_errors) return;
+  add_errors(drone, surroundings.state, scan);
+  forget_signs(ranges);
 }
 
 trace::EchoTarget Lidar::echoes_of(DroneIndex drone, trace::EchoReader& reader, std::size_t first) const {
@@ -353,7 +360,7 @@ trace::EchoTarget Lidar::echoes_of(DroneIndex drone, trace::EchoReader& reader, 
   return {&reader, drone, first, config_.outputs.intensity || errors.need_surfaces(), least_return_of(errors)};
 }
 
-// Beams that the errors lose also lose their outputs.
+// Beams whose surfaces are lost, or behind clutter, also lose their outputs.
 void Lidar::add_errors(std::span<const DroneIndex> drones, const State& state) {
   if (!errs_) return;
   for (const DroneIndex drone : drones) {
@@ -362,9 +369,10 @@ void Lidar::add_errors(std::span<const DroneIndex> drones, const State& state) {
     add_errors(drone, state, scan);
     for_each_output(readings_.truth(), config_.outputs, [&](const auto&, auto& values) {
       for (std::size_t ray = 0; ray < rays_; ++ray) {
-        if (scan.ranges[ray] == kInfinity) values[drone * rays_ + ray] = 0;
+        if (scan.ranges[ray] == kInfinity || std::signbit(scan.ranges[ray])) values[drone * rays_ + ray] = 0;
       }
     });
+    if (errors_of(drone).clutter_per_m > 0.0F) forget_signs(scan.ranges);
   }
 }
 
@@ -375,7 +383,7 @@ void Lidar::add_errors(DroneIndex drone, const State& state, const Scan& scan) c
     constexpr float kApart = 0.2F;  // m
     float& range = scan.ranges[ray];
     const float gap = scan.edges[ray] - range;
-    if (!std::isfinite(gap) || std::abs(gap) <= kApart) continue;
+    if (!std::isfinite(gap) || std::abs(gap) <= kApart || std::signbit(range)) continue;
     const auto index = static_cast<std::uint32_t>(rays_ * reading + ray);
     range += uniform01(draw(state, key, stream_named("mixed ranges"), index, number_)[0]) * gap;
   }

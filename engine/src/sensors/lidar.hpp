@@ -122,6 +122,7 @@ class Lidar final : public SensorOf<LidarReadings> {
   trace::EchoTarget echoes_of(DroneIndex drone, trace::EchoReader& reader, std::size_t first) const;
   void trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                    trace::Tracer& tracer) const;
+  // Readings of clutter are negative; see add_range_errors().
   void add_errors(DroneIndex drone, const State& state, const Scan& scan) const;
   // Throws std::invalid_argument if a drone's setting is invalid, or needs memory that the LiDAR does not have.
   void check_setting(const LidarConfig& config) const;

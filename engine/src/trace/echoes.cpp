@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <vector>
 
 #include "base/wide-inl.hpp"
@@ -39,7 +38,7 @@ HWY_INLINE void write_ids(const EchoRows& to, std::size_t at, std::size_t left, 
 }
 
 // Writes the intensity by the LiDAR equation of a surface that scatters light evenly (Lambert), in the units of LidarReadings,
-// and returns the ranges, inf for beams that return too little, unless they are unread. Directions are rounded.
+// and returns the ranges, negative for beams that return too little, unless they are unread. Directions are rounded.
 HWY_INLINE Beams write_intensity(const EchoRows& to, std::size_t at, std::size_t left, Beams range, Beams reflectance,
                                  Beams cosine, Beams::Mask unread) {
   const Beams distance = max(range, 1.0F);
@@ -47,7 +46,7 @@ HWY_INLINE Beams write_intensity(const EchoRows& to, std::size_t at, std::size_t
   if (to.intensity != nullptr) store_ahead(intensity, left, to.intensity + at);
   if (to.least.cosine <= 0.0F && to.least.intensity <= 0.0F) return range;
   const Beams::Mask misses = without((cosine < to.least.cosine) | (intensity < to.least.intensity), unread);
-  return select(misses, std::numeric_limits<float>::infinity(), range);
+  return select(misses, -range, range);
 }
 
 // Returns the cosines of the next beams, with those of triangles among them.

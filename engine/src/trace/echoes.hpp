@@ -42,7 +42,7 @@ struct BeamHits {
   }
 };
 
-// Beams that return less miss.
+// Beams that return less are lost: their ranges become negative.
 struct LeastReturn {
   float cosine = 0.0F, intensity = 0.0F;
 };

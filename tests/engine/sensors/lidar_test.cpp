@@ -383,11 +383,12 @@ TEST(LidarChange, ASnapshotWithErrorsThatNeedMemoryIsRefused) {
     batch.restore(mended(damaged));
   };
   EXPECT_REFUSED(restore(0, 1.0F), "lidar.errors.divergence_mrad");
-  EXPECT_REFUSED(restore(6, kNan), "lidar.errors.dropout");
-  EXPECT_REFUSED(restore(7, 80.0F), "lidar.errors.max_incidence_deg");
-  EXPECT_REFUSED(restore(8, 0.5F), "lidar.errors.min_intensity");
+  EXPECT_REFUSED(restore(7, kNan), "lidar.errors.dropout");
+  EXPECT_REFUSED(restore(8, 2.0F), "lidar.errors.dropout_per_m");
+  EXPECT_REFUSED(restore(9, 80.0F), "lidar.errors.max_incidence_deg");
+  EXPECT_REFUSED(restore(10, 0.5F), "lidar.errors.min_intensity");
   EXPECT_EQ(batch.snapshot(), blob);
-  restore(6, 0.25F);
+  restore(7, 0.25F);
   EXPECT_EQ(batch.lidar().config(DroneIndex(0)).errors.dropout, 0.25F);
 }
 

@@ -2,6 +2,7 @@
 
 #include <cfloat>
 
+#include "on_target.hpp"
 #include "random.hpp"
 
 namespace flockstep {
@@ -62,8 +63,33 @@ TEST(RangeErrors, OfABeamDoNotDependOnTheOthers) {
   }
 }
 
+TEST(RangeErrors, HaveTheSameBitsOnEverySimdTarget) {
+  const RangeErrors errors{.clutter_per_m = 0.02F,
+                           .noise_std_m = 0.1F,
+                           .noise_per_m = 0.01F,
+                           .bias_m = -0.05F,
+                           .resolution_m = 0.001F,
+                           .min_range_m = 0.5F,
+                           .dropout = 0.1F,
+                           .dropout_per_m = 0.03F};
+  Random random(7);
+  std::vector<float> exact(10'007);
+  for (float& range : exact) range = random.within(-3.0F, 40.0F);
+  std::vector<float> first;
+  on_every_target([&] {
+    std::vector<float> ranges = exact;
+    sensors::add_range_errors(errors, 35.0F, input_of(4), ranges);
+    if (first.empty()) first = ranges;
+    EXPECT_EQ(ranges, first);
+  });
+  const auto clutter = std::ranges::count_if(first, [](float range) { return range < 0.0F; });
+  const auto misses = std::ranges::count(first, kInfinity);
+  EXPECT_GT(std::min({clutter, misses, std::ssize(first) - clutter - misses}), 1000);
+}
+
 // Whatever the errors, a reading is a miss or a range within the limits.
 TEST(RangeErrors, OfAbsurdSizeLeaveRangesOrMisses) {
+  constexpr std::array kShares{0.0F, FLT_MIN, 0.1F, 1.0F};
   constexpr std::array kSizes{0.0F, 1e-6F, 0.25F, 1.0F, 1000.0F};
   constexpr std::array kRanges{0.0F,   FLT_TRUE_MIN, FLT_MIN, 1e-6F, 0.1F,    1.0F,
                                1000.F, 16777217.0F,  1e20F,   1e38F, FLT_MAX, kInfinity};
@@ -74,12 +100,14 @@ TEST(RangeErrors, OfAbsurdSizeLeaveRangesOrMisses) {
   const long times = times_tried(2000);
   long readings = 0, misses = 0;
   for (long i = 0; i < times; ++i) {
-    RangeErrors errors{.noise_std_m = one_of(kSizes),
+    RangeErrors errors{.clutter_per_m = one_of(kShares),
+                       .noise_std_m = one_of(kSizes),
                        .noise_per_m = std::min(1.0F, one_of(kSizes)),
                        .bias_m = random.within(-1.0F, 1.0F) * one_of(kSizes),
                        .resolution_m = one_of(kSizes),
                        .min_range_m = one_of(kRanges),
-                       .dropout = one_of(std::array{0.0F, 0.1F, 1.0F})};
+                       .dropout = one_of(kShares),
+                       .dropout_per_m = one_of(kShares)};
     float max_range_m = one_of(kRanges);
     if (!(max_range_m > 0.0F && max_range_m <= FLT_MAX)) max_range_m = FLT_MAX;
     if (errors.min_range_m >= max_range_m) errors.min_range_m = 0.0F;
@@ -93,9 +121,11 @@ TEST(RangeErrors, OfAbsurdSizeLeaveRangesOrMisses) {
     std::vector<float> got = ranges;
     sensors::add_range_errors(errors, max_range_m, input_of(static_cast<std::uint64_t>(i), UINT32_MAX - 2), got);
     for (std::size_t k = 0; k < got.size(); ++k) {
-      const bool is_range = got[k] >= errors.min_range_m && got[k] <= max_range_m;
+      const bool is_range = std::abs(got[k]) >= errors.min_range_m && std::abs(got[k]) <= max_range_m;
+      const bool is_clutter = std::signbit(got[k]);
       ASSERT_TRUE(got[k] == kInfinity || is_range) << got[k] << " of " << ranges[k] << " in trial " << i;
-      ASSERT_TRUE(ranges[k] < kInfinity || got[k] == kInfinity) << "a miss reads " << got[k];
+      ASSERT_TRUE(ranges[k] < kInfinity || got[k] == kInfinity || is_clutter) << "a miss reads " << got[k];
+      ASSERT_TRUE(!is_clutter || errors.clutter_per_m > 0.0F) << got[k] << " of " << ranges[k] << " in trial " << i;
       ++(is_range ? readings : misses);
     }
   }

@@ -195,11 +195,12 @@ def lost(errors, **fields):
     return batch.lidar("exact"), batch.lidar("erring")
 
 
-def test_grazing_beams_miss():
+@pytest.mark.parametrize("divergence_mrad", [0, 20])
+def test_grazing_beams_miss(divergence_mrad):
     batch = placed([WALL], [[2, 0, 0]], lidar=LidarConfig(beams=171, hfov_deg=170, max_range_m=100))
     batch.sense()
     assert np.isfinite(batch.lidar().ranges).all()
-    errors = RangeErrors(max_incidence_deg=60.5)
+    errors = RangeErrors(max_incidence_deg=60.5, divergence_mrad=divergence_mrad)
     batch = placed([WALL], [[2, 0, 0]], lidar=LidarConfig(beams=171, hfov_deg=170, max_range_m=100, errors=errors))
     batch.sense()
     np.testing.assert_array_equal(np.isfinite(batch.lidar().ranges[0, 0]), np.abs(np.arange(-85, 86)) <= 60)
@@ -222,6 +223,18 @@ def test_outputs_of_a_miss_are_zero():
     outside = placed([WALL], [[-50, 0, 0]], lidar=LidarConfig(outputs=OUTPUTS))
     outside.sense()
     assert not any(getattr(outside.lidar(), output).any() for output in OUTPUTS)
+
+
+def test_clutter_has_no_outputs_and_is_before_every_surface():
+    exact, erring = lost(RangeErrors(clutter_per_m=0.1, dropout=0.1, max_incidence_deg=60, min_intensity=0.01))
+    is_clutter = np.isfinite(erring.ranges) & (erring.ranges != exact.ranges)
+    weak = exact.intensity < np.float32(0.01)  # surfaces also lose these beams
+    for beams in (weak, ~weak):
+        assert 0.02 < is_clutter[beams].mean() < 0.9
+    assert (erring.ranges[is_clutter] < exact.ranges[is_clutter]).all()
+    for output in OUTPUTS:
+        kept = np.isfinite(erring.ranges) & ~is_clutter
+        np.testing.assert_array_equal(getattr(erring, output), np.where(kept, getattr(exact, output), 0))
 
 
 def test_a_removed_drone_has_none():

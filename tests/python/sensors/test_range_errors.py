@@ -15,7 +15,16 @@ import flockstep
 from flockstep import LidarConfig, RangeErrors
 
 ROOM = world_of(name="room", room={"min": [0, 0, 0], "max": [8, 8, 4]}, markers={"start": [4, 4, 2]})
-EVERY = RangeErrors(noise_std_m=0.02, noise_per_m=0.03, bias_m=0.1, resolution_m=0.001, min_range_m=1.5, dropout=0.2)
+EVERY = RangeErrors(
+    clutter_per_m=0.2,
+    noise_std_m=0.02,
+    noise_per_m=0.03,
+    bias_m=0.1,
+    resolution_m=0.001,
+    min_range_m=1.5,
+    dropout=0.2,
+    dropout_per_m=0.1,
+)
 POSES = [[2, 4, 2], [5, 3, 1], [1, 6, 3], [4, 4, 2]]
 BEAMS = {"channels": 3, "beams": 11, "hfov_deg": 200, "vfov_deg": 20, "max_range_m": 4.5}
 
@@ -30,11 +39,15 @@ def disturbed(ranges, errors, max_range, drawn):
     """Return readings of these ranges, from the equations of the documents in float64."""
     a, b, c, d = drawn
     normal, uniform = normals(a, b)[: ranges.size], uniform_pairs(c, d)[: ranges.size]
+    depth = -np.log((1 - uniform) / (1 - errors.dropout))  # at which a beam ends that does not drop out
     exact = np.where(np.isinf(ranges), max_range, ranges).astype(float).ravel()
+    is_clutter = depth < errors.clutter_per_m * exact
+    is_lost = np.isinf(ranges.ravel()) | (depth < (errors.clutter_per_m + errors.dropout_per_m) * exact)
+    exact = np.where(is_clutter, depth / errors.clutter_per_m, exact)
     read = np.maximum(exact + errors.bias_m + (errors.noise_std_m + errors.noise_per_m * exact) * normal, 0)
     if errors.resolution_m > 0:
         read = np.rint(read / errors.resolution_m) * errors.resolution_m
-    misses = np.isinf(ranges.ravel()) | (read < errors.min_range_m) | (read > max_range) | (uniform < errors.dropout)
+    misses = (is_lost & ~is_clutter) | (read < errors.min_range_m) | (read > max_range) | (uniform < errors.dropout)
     return np.where(misses, np.inf, read).reshape(ranges.shape)
 
 
@@ -119,6 +132,46 @@ def test_the_share_of_dropouts_is_as_configured():
         assert abs(share - dropout) < 3 * math.sqrt(dropout * (1 - dropout) / readings.size)
         assert set(np.unique(readings)) == {5.0, np.inf}
     assert np.isinf(many(RangeErrors(dropout=1), [5.0], readings=1)).all()
+
+
+def is_share(found, expected):
+    """Return whether a share of flags is the expected one, within three standard errors."""
+    return abs(found.mean() - expected) < 3 * math.sqrt(expected * (1 - expected) / found.size)
+
+
+@pytest.mark.parametrize("dropout", [0, 0.1])
+def test_extinction_loses_beams_by_distance(dropout):
+    distances = [1.0, 4.0, 14.0]
+    (readings,) = many(RangeErrors(dropout=dropout, dropout_per_m=0.08), distances)
+    for i, distance in enumerate(distances):
+        assert is_share(np.isfinite(readings[:, i]), (1 - dropout) * math.exp(-0.08 * distance))
+        assert set(np.unique(readings[:, i])) == {distance, np.inf}
+
+
+def test_clutter_is_exponentially_distributed_before_the_surface():
+    density, extinction, dropout = 0.1, 0.05, 0.2
+    errors = RangeErrors(clutter_per_m=density, dropout_per_m=extinction, dropout=dropout)
+    distances = [1.0, 4.0, 14.0]
+    (readings,) = many(errors, distances)
+    for i, distance in enumerate(distances):
+        got = readings[:, i]
+        clutter = got[got < distance]
+        assert is_share(got < distance, (1 - dropout) * (1 - math.exp(-density * distance)))
+        assert is_share(got == distance, (1 - dropout) * math.exp(-(density + extinction) * distance))
+        assert np.isinf(got[got > distance]).all()
+        for nearer in (0.1, 0.5, 0.9):  # quantiles of an exponential distribution, cut at the surface
+            share = (1 - math.exp(-density * nearer * distance)) / (1 - math.exp(-density * distance))
+            assert is_share(clutter < nearer * distance, share)
+
+
+def test_beams_that_would_miss_read_clutter_up_to_the_maximum_range():
+    errors = RangeErrors(clutter_per_m=0.1, dropout_per_m=1)
+    lidar = LidarConfig(azimuth_deg=[0] * 200_000, elevation_deg=[0] * 200_000, max_range_m=20, errors=errors)
+    batch = placed(world_of(name="far", boxes=[{"center": [99, 0, 0], "size": [1, 1, 1]}]), [[0, 0, 0]], lidar=lidar)
+    batch.sense()
+    ranges = batch.lidar().ranges[0]
+    assert is_share(ranges < 20, 1 - math.exp(-2))
+    assert np.isinf(ranges[ranges >= 20]).all()
 
 
 def test_errors_are_independent_over_beams_drones_readings_and_lidars():
@@ -336,6 +389,8 @@ def test_configurations_survive_recipes_pickles_and_snapshots():
         *itertools.product([*RangeErrors.__match_args__], [math.nan]),
         *itertools.product([name for name in RangeErrors.__match_args__ if name != "bias_m"], [-1]),
         *itertools.product([name for name in RangeErrors.__match_args__ if name != "min_range_m"], [math.inf, 1e30]),
+        ("clutter_per_m", 1.01),
+        ("dropout_per_m", 1.01),
         ("resolution_m", 1e-9),
         ("resolution_m", 3.5),  # longer than the range
         ("min_range_m", 3.0),
