@@ -102,7 +102,7 @@ class Lidar final : public SensorOf<LidarReadings> {
   }
   // Returns the drone's pose when a column of beams is traced.
   Pose pose_at(const PosePath& path, std::size_t column) const;
-  // Where the beams of a drone are written. Spans of what is not needed are empty.
+  // The places of a drone's beams. Spans of what is not needed are empty.
   struct Scan {
     std::span<float> ranges;
     std::span<float> edges;  // ranges of the rays at the edges of the beams

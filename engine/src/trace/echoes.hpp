@@ -47,7 +47,7 @@ struct LeastReturn {
   float cosine = 0.0F, intensity = 0.0F;
 };
 
-// Where the readings of beams are written, in rows. Null: not needed.
+// The places of the readings of beams, in rows. Null: not needed.
 struct EchoRows {
   float* ranges;
   std::uint16_t *semantic, *instance;
@@ -103,7 +103,7 @@ struct EchoReader {
   ~EchoReader() = default;
 };
 
-// What reads some beams, if more than distances are needed.
+// The reader of some beams, if more than distances are needed.
 struct EchoTarget {
   EchoReader* reader = nullptr;  // null: nothing
   std::size_t drone = 0;

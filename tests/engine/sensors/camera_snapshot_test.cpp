@@ -409,7 +409,7 @@ TEST(CameraSnapshot, OfAnotherCameraIsRefused) {
 // Without a task, the camera data is the end of a snapshot: the mode, settings of 76 bytes per drone, and seven arrays with
 // the place and time of the frames. Each is preceded by its length.
 TEST(CameraSnapshot, DamagedOnesAreRefusedAndChangeNothing) {
-  constexpr std::size_t kDrones = 3;
+  constexpr std::size_t kDrones = 3, kSetting = 40 + sizeof(RangeErrors);
   Batch batch(probes(kDrones, CaptureMode::every_step), halls());
   put(batch, {1, 2, 3});
   batch.sense();
@@ -421,7 +421,7 @@ TEST(CameraSnapshot, DamagedOnesAreRefusedAndChangeNothing) {
   const std::size_t ticks = bodies - 8 - 8 * kDrones;
   const std::size_t worlds = ticks - 8 - 4 * kDrones;
   const std::size_t positions = worlds - 8 - 16 * kDrones - 8 - 12 * kDrones;
-  const std::size_t settings = positions - 8 - 76 * kDrones;
+  const std::size_t settings = positions - 8 - kSetting * kDrones;
   const std::size_t mode = settings - 8 - 1;
   const auto expect_refused = [&](std::size_t at, const auto& value, const std::string& field) {
     std::string damaged = blob;
@@ -438,7 +438,7 @@ TEST(CameraSnapshot, DamagedOnesAreRefusedAndChangeNothing) {
   expect_refused(worlds + 8, std::int32_t{-1}, "snapshot: ... 2");
   expect_refused(mode, std::uint8_t{3}, "snapshot: ... capture");
   expect_refused(settings, 200.0F, "camera.hfov_deg");
-  expect_refused(settings + 76 + 12, kInfinity, "camera.offset_m");
+  expect_refused(settings + kSetting + 12, kInfinity, "camera.offset_m");
   for (const std::size_t length : {steps, ticks, worlds, settings, mode}) {
     EXPECT_REFUSED(batch.restore(blob.substr(0, length)), "snapshot");
     EXPECT_REFUSED(batch.restore(mended(blob.substr(0, length))), "snapshot");
