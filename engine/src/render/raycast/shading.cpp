@@ -500,9 +500,17 @@ class TintedTile {
   HWY_INLINE bool waits_for(std::size_t pixel) const { return num_tinted_ > 0 && tinted_[num_tinted_ - 1] == pixel; }
   HWY_INLINE void set_color(std::size_t pixel, I color) { color.store(color_ + pixel); }
 
-  // Calls f(pixel, colour) for each vector.
+  // Calls f(pixel, colour) for each vector. of_vertices: whether their colours were added.
   template <Detail kDetail, class Function>
   HWY_INLINE void finish(const Shading::Tables& tables, bool of_vertices, const Function& f) {
+    if (num_tinted_ == 0) return;
+    multiply(tables, of_vertices, lights_pixels(kDetail));
+    for (std::size_t k = 0; k < num_tinted_; ++k) f(tinted_[k], I::load(color_ + tinted_[k]));
+  }
+
+ private:
+  // Multiplies all colours. Once in the program: it is called once a tile, and takes a compiler as long as the kernels.
+  HWY_NOINLINE void multiply(const Shading::Tables& tables, bool of_vertices, bool in_fog) {
     look_up(tables, finer_, std::span(textured_).first(num_textured_), [&](std::size_t i, const Color& color) HWY_ATTR {
       const Mask lanes = I::load(finer_ + i) > -1;
       for (std::size_t c = 0; c < 3; ++c) select(lanes, color[c], 1.0F).store(texel_[c] + i);
@@ -523,12 +531,11 @@ class TintedTile {
         if (of_vertices) tint = F::load(of_vertices_[c] + i) * tint;
         color[c] = color[c] * tint;
       }
-      if constexpr (lights_pixels(kDetail)) color = FogView(F::load(clear_ + i), F::load(up_ + i))(tables, color);
-      f(i, select(known < 0, written(tables, color), known));
+      if (in_fog) color = FogView(F::load(clear_ + i), F::load(up_ + i))(tables, color);
+      select(known < 0, written(tables, color), known).store(color_ + i);
     }
   }
 
- private:
   // Calls f(pixel, colours) for each of the vectors, with colours from the levels of these numbers.
   template <class Function>
   HWY_INLINE void look_up(const Shading::Tables& tables, const std::int32_t* numbers, std::span<const std::uint16_t> vectors,
@@ -820,11 +827,12 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
 }
 
 // Writes the pixels of a tile that show a body that is a mesh. to_local: rotation, sensor's to body's frame.
-template <bool kShadows, Detail kDetail>
+template <Detail kDetail>
 void shade_mesh(const Shading::Tables& tables, const Mat3& to_local, const Mat3& to_world, std::int32_t body_element,
                 const Surface& surface, const trace::RayBundle& bundle, const trace::HitDetails& details,
                 const std::uint8_t* shaded, const SoftLight* soft, float pixel_area, const CameraOutputs& wanted,
                 TilePixels& out) {
+  constexpr bool kShadows = kDetail != Detail::soft;  // has shares of light instead
   using Bytes = Wide<hn::Rebind<std::uint8_t, F::Tag>>;
   using Shorts = Wide<hn::Rebind<std::uint16_t, F::Tag>>;
   TintedTile tinted;
@@ -848,7 +856,7 @@ void shade_mesh(const Shading::Tables& tables, const Mat3& to_local, const Mat3&
     if (none(mask)) continue;
     Rays<kShadows, kDetail> rays{rotate(to_local, F3::load_unaligned(bundle.x + i, bundle.y + i, bundle.z + i)),
                                  F::load(bundle.t_hit + i), Mask(false)};
-    if constexpr (kShadows) rays.shaded = convert<I>(Bytes::load_unaligned(shaded + i)) != 0;
+    if (kShadows && shaded != nullptr) rays.shaded = convert<I>(Bytes::load_unaligned(shaded + i)) != 0;
     if constexpr (kDetail == Detail::soft) {
       rays.sun = F::load(soft->sun + i);
       rays.ambient = F::load(soft->ambient + i);
@@ -862,12 +870,6 @@ void shade_mesh(const Shading::Tables& tables, const Mat3& to_local, const Mat3&
     select(mask, normal, F3::load(out.nx + i, out.ny + i, out.nz + i)).store(out.nx + i, out.ny + i, out.nz + i);
   }
   tinted.finish<kDetail>(tables, kDetail != Detail::plain && !tables.colors.empty(), put_color);
-}
-
-template <bool kShadows>
-auto mesh_shader(const Shading::Tables& tables, bool has_fog) {
-  if (has_fog) return shade_mesh<kShadows, Detail::fog>;
-  return tables.is_plain() ? shade_mesh<kShadows, Detail::plain> : shade_mesh<kShadows, Detail::full>;
 }
 
 template <bool kShadows>
@@ -903,9 +905,7 @@ void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const 
     const ShadedBodies::Mesh mesh = bodies.mesh_at(static_cast<std::size_t>(body));
     bodies.light(mesh, first_body + body, bundle, details, shaded != nullptr && wanted.any_color());
     const Shading::Tables& own = mesh.shaded->tables();
-    const auto mesh_kernel = soft != nullptr     ? shade_mesh<false, Detail::soft>
-                             : shaded == nullptr ? mesh_shader<false>(own, has_fog)
-                                                 : mesh_shader<true>(own, has_fog);
+    const auto mesh_kernel = soft != nullptr ? shade_mesh<Detail::soft> : has_fog ? shade_mesh<Detail::fog> : shade_mesh<Detail::full>;
     mesh_kernel(own, mesh.posed.local_rotation(bundle.rotation), mesh.posed.to_local.transpose(), first_body + body, mesh.surface,
                 bundle, details, shaded, soft, pixel_area, wanted, out);
   }
