@@ -4,6 +4,7 @@ A feature whose results could depend on any of these has a flight in the list be
 """
 
 import copy
+import functools
 import pickle
 
 import gymnasium
@@ -180,10 +181,16 @@ def action_of(env, step):
     return np.array(rows, np.float32)
 
 
+@functools.lru_cache(maxsize=8)
+def names_of(batch):
+    """The arrays that the batch has, found once: each other one is an error with a text."""
+    return [each["name"] for each in batch._arrays if getattr(batch, each["name"], None) is not None]
+
+
 def shown(env):
     """Every array of the batch, its sensors and its bodies."""
     batch = env.batch
-    arrays = {each["name"]: getattr(batch, each["name"], None) for each in batch._arrays}
+    arrays = {name: getattr(batch, name) for name in names_of(batch)}
     for sensor in (*batch.lidars, *batch.cameras, *batch.imus):
         arrays |= {f"{sensor.name}: {name}": array for name, array in batch.sensor(sensor.name).items()}
     arrays |= {f"body: {name}": getattr(batch.bodies, name) for name in ("position", "quat_wxyz", "active", "velocity")}
