@@ -57,6 +57,13 @@ inline unsigned part_tried() {
   return part == nullptr ? 0U : static_cast<unsigned>(std::max(0L, std::atol(part)));
 }
 
+// Sanitizers and debug builds are slow, and see what they can in few trials: they run one in kThinning.
+#if defined(NDEBUG)
+constexpr int kThinning = 1;
+#else
+constexpr int kThinning = 5;
+#endif
+
 // Records the number of trials in the test report, where bench/tried.py reads it.
 inline void tried(const std::string& what, long count) {
   ::testing::Test::RecordProperty("tried_" + what, std::to_string(count));

@@ -347,12 +347,7 @@ class RayScene {
 };
 
 TEST(BodyRays, HitWhatClosedFormsHit) {
-#if defined(NDEBUG)
-  constexpr long kRays = 40'000;
-#else  // sanitizers and debug builds are slow
-  constexpr long kRays = 8'000;
-#endif
-  const long wanted = times_tried(kRays);
+  const long wanted = times_tried(40'000) / kThinning;
   RayTally tally;
   for (unsigned seed = part_tried() << 24U; tally.rays < wanted; ++seed) {
     SCOPED_TRACE(seed);

@@ -271,7 +271,7 @@ class Plates {
 
 TEST(Shoves, NoKinematicDronePassesAThinPlate) {
   const auto scene_of = [](Random& random, std::size_t) { return Plates(BodyEnvs::config(Plates::kEnvs, 1), random); };
-  try_pushes(31, 1000, scene_of, 20, [](Plates& plates, Random& random, long) {
+  try_pushes(31, 1000 / kThinning, scene_of, 20, [](Plates& plates, Random& random, long) {
     std::vector<float> target(3 * plates.envs.envs), quat(4 * plates.envs.envs);
     for (std::size_t env = 0; env < plates.envs.envs; ++env) {
       const Pose pose = plates.envs.drone(env);

@@ -193,13 +193,14 @@ def test_python_runs_in_an_empty_folder(block, tmp_path):
     for part, check in CHECKS.items():
         if part in text and block.place.startswith("first-world.md"):
             check(tmp_path, printed)
+    trains = "learn(" in block.text  # by itself: the one before it has a test of its own
     says_how_well = any(
         call in text for call in ("success_rates(", "evaluate(", "until_success=")
     )  # the last: in a film
-    assert says_how_well or "learn(" not in text, "what trains says how well"
-    if "learn(" in text and "stable_baselines3" in text:
+    assert says_how_well or not trains, "what trains says how well"
+    if trains and "stable_baselines3" in text:
         assert "torch.set_num_threads(1)" in text, "two threads that wait for each other are slow if busy"
-    if "learn(" in text and "until_success=" not in text:
+    if trains and "until_success=" not in text:
         rates = ast.literal_eval(printed.strip().splitlines()[-1])
         rate = rates["success"] if "success" in rates else sum(rates.values()) / len(rates)
         assert rate >= 6 / 7, rates
