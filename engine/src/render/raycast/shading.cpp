@@ -905,7 +905,9 @@ void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const 
     const ShadedBodies::Mesh mesh = bodies.mesh_at(static_cast<std::size_t>(body));
     bodies.light(mesh, first_body + body, bundle, details, shaded != nullptr && wanted.any_color());
     const Shading::Tables& own = mesh.shaded->tables();
-    const auto mesh_kernel = soft != nullptr ? shade_mesh<Detail::soft> : has_fog ? shade_mesh<Detail::fog> : shade_mesh<Detail::full>;
+    const auto mesh_kernel = soft != nullptr ? shade_mesh<Detail::soft>
+                             : has_fog       ? shade_mesh<Detail::fog>
+                                             : shade_mesh<Detail::full>;
     mesh_kernel(own, mesh.posed.local_rotation(bundle.rotation), mesh.posed.to_local.transpose(), first_body + body, mesh.surface,
                 bundle, details, shaded, soft, pixel_area, wanted, out);
   }
