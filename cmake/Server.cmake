@@ -21,6 +21,6 @@ foreach(target flockstep_protocol flockstep_server)
   target_include_directories(${target} PUBLIC server/include ${generated} PRIVATE server/src engine/include engine/src)
   target_link_libraries(${target} PUBLIC Eigen3::Eigen PRIVATE flockstep_options flockstep_dependencies flockstep_network)
 endforeach()
-# Calls of Boost's templates, a third of whose compile time an optimiser takes; what handles values is in the protocol.
-target_compile_options(flockstep_server PRIVATE $<$<CONFIG:Release>:-Og>)
+# Calls of Boost's templates, a quarter of whose compile time an optimiser takes; what handles values is in the protocol.
+target_compile_options(flockstep_server PRIVATE $<$<CONFIG:Release>:-O1>)
 compile_folders_as_one(flockstep_server "" ${service_sources})
