@@ -81,12 +81,6 @@ const Material& material_of(const World& world, std::size_t triangle) {
 
 }  // namespace
 
-BeamTargets::BeamTargets(const trace::Scene& scene_in, const render::VisibleBodies& bodies_in, const trace::Bodies& drones_in)
-    : scene(scene_in), bodies(bodies_in), drones(drones_in) {
-  bodies.shapes.first_element = scene.first_triangle() + static_cast<std::int32_t>(scene.num_triangles());
-  drones.first_element = bodies.shapes.first_element + static_cast<std::int32_t>(bodies.shapes.count);
-}
-
 void BeamTargets::read(const trace::BeamHits& hits, const trace::EchoRows& to) const {
   const trace::Echoes& echoes = *scene.echoes();
   const auto is_unread = [&](std::size_t beam) { return echoes.needs_closer_look(hits, beam, to.needs_cosines); };

@@ -14,7 +14,11 @@ namespace flockstep::sensors {
 
 struct BeamTargets {
   // Numbers bodies and drones after the elements of the world.
-  BeamTargets(const trace::Scene& scene_in, const render::VisibleBodies& bodies_in, const trace::Bodies& drones_in);
+  BeamTargets(const trace::Scene& scene_in, const render::VisibleBodies& bodies_in, const trace::Bodies& drones_in)
+      : scene(scene_in), bodies(bodies_in), drones(drones_in) {
+    bodies.shapes.first_element = scene.first_triangle() + static_cast<std::int32_t>(scene.num_triangles());
+    drones.first_element = bodies.shapes.first_element + static_cast<std::int32_t>(bodies.shapes.count);
+  }
 
   // Reads the beams that need a closer look.
   void read(const trace::BeamHits& hits, const trace::EchoRows& to) const;

@@ -394,24 +394,27 @@ void Lidar::add_errors(DroneIndex drone, const State& state, const Scan& scan) c
 
 void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                         trace::Tracer& tracer) const {
+  const BeamOptics& optics = settings_.optics(drone);
   const std::optional<Mat3> turn = turn_of(drone, scan.turn_deg);
-  const auto aim = [&](const Pose& pose) {
-    Mat3 rotation = pose.rotation.toRotationMatrix();
-    const Vec3 origin = pose.position + trace::rotated(rotation, offset_of(drone));
-    if (turn) rotation *= *turn;
-    tracer.set_viewpoint(targets.scene, {.origin = origin,
-                                         .rotation = rotation,
-                                         .range = settings_[drone].max_range_m,
-                                         .bodies = &targets.bodies.shapes,
-                                         .drones = &targets.drones,
-                                         .policy = policy_});
-  };
-  const PosePath path = path_of(drone, state);
-  if (!is_rolling()) aim(path.to);
-  const auto trace_pattern = [&](const BeamPattern& pattern, std::span<float> ranges, const trace::EchoTarget& echoes) {
+  // One loop, so that compilers inline all of it: a scan of few beams takes as long as a few calls and copies.
+  for (const bool at_edges : {false, true}) {
+    const std::span<float> ranges = at_edges ? scan.edges : scan.ranges;
+    if (ranges.empty()) break;
+    const BeamPattern& pattern = at_edges ? optics.edges : optics.beams;
     for (const BeamTile& tile : pattern.tiles) {
       const std::size_t first = tile.channel * pattern.columns + tile.beam;
-      if (is_rolling()) aim(pose_at(path, tile.beam));
+      if (is_rolling() || &tile == pattern.tiles.data()) {
+        const Pose pose = is_rolling() ? pose_at(path_of(drone, state), tile.beam) : pose_of(state, drone);
+        Mat3 rotation = pose.rotation.toRotationMatrix();
+        const Vec3 origin = pose.position + trace::rotated(rotation, offset_of(drone));
+        if (turn) rotation *= *turn;
+        tracer.set_viewpoint(targets.scene, {.origin = origin,
+                                             .rotation = rotation,
+                                             .range = settings_[drone].max_range_m,
+                                             .bodies = &targets.bodies.shapes,
+                                             .drones = &targets.drones,
+                                             .policy = policy_});
+      }
       tracer.enqueue({.x = pattern.x.data() + tile.first,
                       .y = pattern.y.data() + tile.first,
                       .z = pattern.z.data() + tile.first,
@@ -420,12 +423,9 @@ void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const Stat
                       .frustum = &tile.frustum,
                       .view = tile.view < 0 ? nullptr : &pattern.views[static_cast<std::size_t>(tile.view)],
                       .fan = tile.fan < 0 ? nullptr : &pattern.fans[static_cast<std::size_t>(tile.fan)]},
-                     ranges.data() + first, pattern.columns, echoes.from(first));
+                     ranges.data() + first, pattern.columns, at_edges ? trace::EchoTarget() : scan.echoes.from(first));
     }
-  };
-  const BeamOptics& optics = settings_.optics(drone);
-  trace_pattern(optics.beams, scan.ranges, scan.echoes);
-  if (!scan.edges.empty()) trace_pattern(optics.edges, scan.edges, {});
+  }
 }
 
 }  // namespace flockstep::sensors

@@ -111,7 +111,9 @@ struct EchoTarget {
   bool needs_cosines = false;
   LeastReturn least{};
 
-  EchoTarget from(std::size_t beam) const { return {reader, drone, first + beam, needs_cosines, least}; }
+  EchoTarget from(std::size_t beam) const {
+    return reader == nullptr ? EchoTarget() : EchoTarget{reader, drone, first + beam, needs_cosines, least};
+  }
   // Writes rows of beams, their ranges included. echoes: of their scene
   void write(const Echoes& echoes, const BeamHits& hits, float* ranges, std::size_t width, std::size_t stride) const;
 };
