@@ -20,7 +20,7 @@ from flockstep.errors import ClosedError
 from flockstep.keywords import autoreset_name, keywords_of, names_of_worlds, require_count, route, show_keywords
 from flockstep.pictures import choice
 from flockstep.pictures.frames import selected
-from flockstep.pictures.shown import RENDER_MODES, Shown, require_render_mode
+from flockstep.pictures.shown import Shown, built_render_modes, require_render_mode
 from flockstep.shared_attributes import SharedAttributes
 from flockstep.stepping import AUTORESET_MODES, Array, BoolArray, Observation
 from flockstep.task import DroneLike, Task
@@ -175,7 +175,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array], SharedAttributes, Sho
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
-        "render_modes": RENDER_MODES,
+        "render_modes": built_render_modes(),
         "render_fps": 10,  # pictures per second at the speed of the flight; each env sets its own
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
     from flockstep.viewer.live import LiveView
 
 RENDER_MODES = ["human", "rgb_array"]
+#: The page of live views and replays, if Node.js was there. Its home `flockstep.viewer` imports vector envs.
+PAGE = Path(__file__).parents[1] / "viewer" / "page.html"
 
 #: Actions of all rows, a function that returns them, or None if there are none.
 Actions: TypeAlias = npt.ArrayLike | Callable[[], npt.ArrayLike] | None
@@ -45,6 +48,11 @@ class Shown:
             self.trail.record()
         if self._watched is not None:
             self._watched.flown(actions, steps)
+
+
+def built_render_modes() -> list[str]:
+    """Return the render modes of this build: ``"human"`` needs the page."""
+    return [mode for mode in RENDER_MODES if mode != "human" or PAGE.is_file()]
 
 
 def require_render_mode(mode: Any) -> None:

@@ -13,17 +13,17 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
+from flockstep.pictures.shown import PAGE
 from flockstep.recordings.recording import Recording
 from flockstep.viewer.packing import header, pack
 
-_TEMPLATE = Path(__file__).with_name("page.html")
 _PLACE = "<!-- flights -->"
 _BLOCK = '<script type="application/gzip"{}>{}</script>'
 
 
 def is_built() -> bool:
     """Return whether this build of flockstep has the page."""
-    return _TEMPLATE.is_file()
+    return PAGE.is_file()
 
 
 def template() -> str:
@@ -35,10 +35,10 @@ def template() -> str:
         This build of flockstep has none.
     """
     try:
-        return _TEMPLATE.read_text(encoding="utf-8")
+        return PAGE.read_text(encoding="utf-8")
     except FileNotFoundError:
         hint = "build it with Node.js 18 or newer: ./dev viewer"
-        raise FileNotFoundError(f"{_TEMPLATE.name}: this build of flockstep has no page for replays; {hint}") from None
+        raise FileNotFoundError(f"{PAGE.name}: this build of flockstep has no page for replays; {hint}") from None
 
 
 def flight_in(path: str | PathLike[str]) -> Recording | str:

@@ -74,7 +74,7 @@ def test_batches_that_do_not_fit_are_refused():
         BetaflightBridge(batch_of(), settings={"p_roll": "40\nsave"})
     with refused(ValueError, "imu"):
         BetaflightBridge(batch_of(), imu="imu")
-    for fly in (flockstep.evaluate, functools.partial(flockstep.record, "flight.html")):
+    for fly in (flockstep.evaluate, functools.partial(flockstep.record, "flight.mcap")):
         with refused(ValueError, "through", "'ardupilot'"):
             fly(None, "flockstep/Race-v0", through="ardupilot")
 
