@@ -11,8 +11,6 @@ runs a block after ``<!-- test: ray -->``. ``{policies}`` in a replacement is th
 import ast
 import os
 import re
-import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -268,22 +266,6 @@ def test_the_task_in_cpp_is_built_and_flown_as_its_page_says(tmp_path):
     source = (ROOT / "examples" / "fly_to_goal.cpp").read_text(encoding="utf-8")
     (tmp_path / "fly_to_goal.cpp").write_text(source, encoding="utf-8")
     run(["sh", "-e", "-c", commands.text], tmp_path)
-
-
-@pytest.mark.parametrize("block", of_kind("cpp", "#include"), ids=lambda block: block.place)
-def test_whole_files_in_cpp_are_sound(block, tmp_path):
-    """A block whose first line names a file is a complete file, so the compiler can check it."""
-    folder = re.match(r"// (.*/)?[\w.]+: ", block.text)
-    assert folder, "a whole file begins with a comment: its path, a colon, what it is"
-    compiler = shlex.split(os.environ.get("CXX", "c++"))
-    if shutil.which(compiler[0]) is None:
-        pytest.skip("no C++ compiler")
-    eigen = subprocess.run(["pkg-config", "--cflags", "eigen3"], check=True, capture_output=True, text=True).stdout
-    run([sys.executable, str(ROOT / "server" / "generate.py"), "made"], tmp_path)  # the client's operations
-    includes = [f"-I{ROOT / part}" for part in ("engine/include", "engine/src", "server/include")] + ["-Imade"]
-    (tmp_path / "block.cpp").write_text(block.text, encoding="utf-8")
-    warnings = ["-Wall", "-Wextra", "-Wno-missing-field-initializers", "-Werror"]
-    run([*compiler, "-std=c++20", "-fsyntax-only", *warnings, *includes, *shlex.split(eigen), "block.cpp"], tmp_path)
 
 
 @pytest.mark.parametrize("document", [*DOCUMENTS, ROOT / "CONTRIBUTING.md"], ids=lambda document: document.name)
