@@ -317,8 +317,8 @@ TEST(CaptureTask, CamerasChangeNothingElse) {
   }
 }
 
-// The hundred warm-up steps wake the second thread. oneTBB allocates its tasks from its own pools, so this counts the engine's
-// allocations.
+// The hundred warm-up steps wake the second thread, unless others keep the processors busy: then it allocates what it works with
+// in a later round. oneTBB allocates its tasks from its own pools, so this counts the engine's allocations.
 void expect_no_allocation(int num_threads) {
   NavigationBatch config = navigation_batch(32);
   config.num_threads = num_threads;
@@ -347,14 +347,18 @@ void expect_no_allocation(int num_threads) {
     batch.camera(2).capture();
   };
   for (int i = 0; i < 100; ++i) step();
-  int ends = 0;
-  const std::uint64_t before = allocations();
-  for (int i = 0; i < 100; ++i) {
-    step();
-    ends += std::accumulate(batch.outputs().truncated.begin(), batch.outputs().truncated.end(), 0);
+  std::uint64_t allocated = 1;
+  for (int round = 0; round < (num_threads == 1 ? 1 : 20) && allocated > 0; ++round) {
+    int ends = 0;
+    const std::uint64_t before = allocations();
+    for (int i = 0; i < 100; ++i) {
+      step();
+      ends += std::accumulate(batch.outputs().truncated.begin(), batch.outputs().truncated.end(), 0);
+    }
+    allocated = allocations() - before;
+    EXPECT_GT(ends, 10);
   }
-  EXPECT_EQ(allocations() - before, 0U);
-  EXPECT_GT(ends, 10);
+  EXPECT_EQ(allocated, 0U);
 }
 
 TEST(CaptureTask, AStepAllocatesNothing) { expect_no_allocation(1); }
