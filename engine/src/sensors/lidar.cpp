@@ -403,7 +403,7 @@ void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const Stat
     const BeamPattern& pattern = at_edges ? optics.edges : optics.beams;
     for (const BeamTile& tile : pattern.tiles) {
       const std::size_t first = tile.channel * pattern.columns + tile.beam;
-      if (is_rolling() || &tile == pattern.tiles.data()) {
+      if (is_rolling() || (!at_edges && &tile == pattern.tiles.data())) {
         const Pose pose = is_rolling() ? pose_at(path_of(drone, state), tile.beam) : pose_of(state, drone);
         Mat3 rotation = pose.rotation.toRotationMatrix();
         const Vec3 origin = pose.position + trace::rotated(rotation, offset_of(drone));

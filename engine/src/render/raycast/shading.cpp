@@ -509,7 +509,7 @@ class TintedTile {
   }
 
  private:
-  // Multiplies all colours. Once in the program: it is called once a tile, and takes a compiler as long as the kernels.
+  // Multiplies all colours. Not inlined: it is called once a tile, and in each kernel would take a compiler as long as the rest.
   HWY_NOINLINE void multiply(const Shading::Tables& tables, bool of_vertices, bool in_fog) {
     look_up(tables, finer_, std::span(textured_).first(num_textured_), [&](std::size_t i, const Color& color) HWY_ATTR {
       const Mask lanes = I::load(finer_ + i) > -1;
@@ -869,7 +869,7 @@ void shade_mesh(const Shading::Tables& tables, const Mat3& to_local, const Mat3&
     const F3 normal = rotate(to_world, pixels.normal);
     select(mask, normal, F3::load(out.nx + i, out.ny + i, out.nz + i)).store(out.nx + i, out.ny + i, out.nz + i);
   }
-  tinted.finish<kDetail>(tables, kDetail != Detail::plain && !tables.colors.empty(), put_color);
+  tinted.finish<kDetail>(tables, !tables.colors.empty(), put_color);
 }
 
 template <bool kShadows>
