@@ -28,9 +28,9 @@ LinePainter::LinePainter(const RenderRequest& view, int width_px, int height_px,
       cover_(width_ * height_) {
   tracer_.set_viewpoint(*view.scene, {.origin = view.position,
                                       .rotation = view.rotation,
-                                      .near = view.camera->near_m,
                                       .range = view.camera->far_m,
                                       .longest = 2.0F * view.optics->corner,  // rays may pass beside the image
+                                      .near = view.camera->near_m,
                                       .sees_markers = true,
                                       .bodies = &view.bodies.shapes,
                                       .drones = &view.drones.shapes,

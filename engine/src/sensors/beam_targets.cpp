@@ -82,7 +82,7 @@ const Material& material_of(const World& world, std::size_t triangle) {
 }  // namespace
 
 void BeamTargets::read(const trace::BeamHits& hits, const trace::EchoRows& to) const {
-  const trace::Echoes& echoes = *scene.echoes();
+  const trace::Echoes& echoes = *scene->echoes();
   const auto is_unread = [&](std::size_t beam) { return echoes.needs_closer_look(hits, beam, to.needs_cosines); };
   for (std::size_t row = 0; row < hits.count; row += to.width) {
     for (std::size_t beam = row, end; beam < row + to.width; beam = end) {  // neighbours mostly hit the same
@@ -99,7 +99,7 @@ void BeamTargets::read(const trace::BeamHits& hits, const trace::EchoRows& to) c
 }
 
 trace::Echo BeamTargets::echo(std::int32_t element, std::int32_t triangle) const {
-  if (is_of_world(element)) return (*scene.echoes())[element];
+  if (is_of_world(element)) return (*scene->echoes())[element];
   if (is_drone(element)) {
     return trace::echo_of(render::kHullColor, kSemanticDrone,
                           static_cast<std::uint16_t>(kFirstDroneInstance + number_of(element, drones)));
@@ -113,7 +113,7 @@ trace::Echo BeamTargets::echo(std::int32_t element, std::int32_t triangle) const
 
 void BeamTargets::write_cosines(std::int32_t element, std::int32_t triangle, const trace::BeamHits& hits,
                                 trace::RayFloats& cosines) const {
-  if (is_of_world(element)) return at_solid(scene.shape(static_cast<std::size_t>(element)), hits, cosines);
+  if (is_of_world(element)) return at_solid(scene->shape(static_cast<std::size_t>(element)), hits, cosines);
   if (is_drone(element)) {
     const std::size_t number = number_of(element, drones);
     const float* const q = drones.quat_wxyz + 4 * number;

@@ -13,17 +13,22 @@
 namespace flockstep::sensors {
 
 struct BeamTargets {
-  // Numbers bodies and drones after the elements of the world.
   BeamTargets(const trace::Scene& scene_in, const render::VisibleBodies& bodies_in, const trace::Bodies& drones_in)
-      : scene(scene_in), bodies(bodies_in), drones(drones_in) {
-    bodies.shapes.first_element = scene.first_triangle() + static_cast<std::int32_t>(scene.num_triangles());
+      : bodies(bodies_in), drones(drones_in) {
+    put_into(scene_in);
+  }
+
+  // Puts the bodies and drones into another world. Numbers them after its elements.
+  void put_into(const trace::Scene& other) {
+    scene = &other;
+    bodies.shapes.first_element = other.first_triangle() + static_cast<std::int32_t>(other.num_triangles());
     drones.first_element = bodies.shapes.first_element + static_cast<std::int32_t>(bodies.shapes.count);
   }
 
   // Reads the beams that need a closer look.
   void read(const trace::BeamHits& hits, const trace::EchoRows& to) const;
 
-  const trace::Scene& scene;
+  const trace::Scene* scene;
   render::VisibleBodies bodies;
   trace::Bodies drones;
 

@@ -288,12 +288,7 @@ std::optional<render::RenderRequest> Camera::take(DroneIndex drone, const World&
   return request(drone, world, pose);
 }
 
-void Camera::publish(DroneIndex drone, const State& state) {
-  const std::int64_t tick = state.tick[drone / drones_per_env_];
-  if (!is_late()) {
-    if (images_.frame_step[drone] >= 0) images_.age_s[drone] = delay_.seconds(tick - taken_.tick[drone]);
-    return;
-  }
+void Camera::publish_arrived(DroneIndex drone, std::int64_t tick) {
   const std::optional<std::size_t> row = delay_.arrived(drone, tick);
   if (!row) return;
   rings_.get(*row, images_, drone);

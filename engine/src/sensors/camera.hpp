@@ -93,7 +93,11 @@ class Camera final : public Sensor {
   // True if a snapshot has to hold the images, because rendering them again would give others.
   bool keeps_images() const { return bodies_per_env_ > 0 || sees_drones_ || is_late() || errs() || events_.has_value(); }
   // Brings the image and its age up to date, when the frames of this step are rendered.
-  void publish(DroneIndex drone, const State& state);
+  void publish(DroneIndex drone, const State& state) {
+    const std::int64_t tick = state.tick[drones_per_env_ == 1 ? std::size_t{drone} : drone / drones_per_env_];
+    if (is_late()) return publish_arrived(drone, tick);
+    if (images_.frame_step[drone] >= 0) images_.age_s[drone] = delay_.seconds(tick - taken_.tick[drone]);
+  }
 
   // True if the written images differ from the rendered ones because they err, are resized, or hsv or events are computed. Each
   // frame must then be converted after rendering.
@@ -137,6 +141,7 @@ class Camera final : public Sensor {
     }
   };
   render::RenderRequest request(DroneIndex drone, const World& world, const Pose& pose);
+  void publish_arrived(DroneIndex drone, std::int64_t tick);
   render::RenderTargets targets(DroneIndex drone);  // the images that the renderer writes
   void add_errors(DroneIndex drone, const State& state, ConversionScratch& scratch);
   // Frames are written to the published images, or to a ring until they arrive.

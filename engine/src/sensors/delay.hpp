@@ -48,6 +48,7 @@ class Delay {
         loss_(config.loss),
         stream_(stream_named("delay of " + label)),
         clock_(clock),
+        tick_s_(clock.dt_s()),
         drones_per_env_(drones_per_env),
         ring_size_(ring_size(config, period, clock)),
         size_(std::max<std::size_t>(ring_size_, period > 0 ? 1 : 0)),
@@ -95,7 +96,7 @@ class Delay {
     return place(drone, i);
   }
   float age_s(std::size_t row, std::int64_t tick) const { return seconds(tick - taken_[row]); }
-  float seconds(std::int64_t ticks) const { return static_cast<float>(static_cast<double>(ticks) * clock_.dt_s()); }
+  float seconds(std::int64_t ticks) const { return static_cast<float>(static_cast<double>(ticks) * tick_s_); }
   // Row of the drone's last reading that was not lost.
   std::size_t newest(DroneIndex drone) const { return place(drone, std::max<std::int64_t>(count_[drone] - 1, 0)); }
 
@@ -121,6 +122,7 @@ class Delay {
   float loss_;
   Stream stream_;
   ClockConfig clock_;
+  double tick_s_;
   std::size_t drones_per_env_;
   std::size_t ring_size_;              // readings in the ring of a drone; 0 without rings
   std::size_t size_;                   // readings of a drone whose times are kept

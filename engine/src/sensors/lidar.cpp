@@ -307,14 +307,22 @@ void Lidar::turn_readings(std::span<const DroneIndex> drones, const Surroundings
 }
 
 void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
-  if (!drones.empty() && !has_scanned()) has_scanned_.store(true, std::memory_order_relaxed);
+  if (drones.empty()) return;
+  if (!has_scanned()) has_scanned_.store(true, std::memory_order_relaxed);
   if (turns()) turn_readings(drones, surroundings);
   bool has_slices = false;  // this env's drones are in slices
   LidarReader reader(surroundings, readings_.truth());
   trace::EchoReader* const used_reader = config_.needs_hits() ? &reader : nullptr;
+  const bool is_plain = used_reader == nullptr && edges_.empty() && !turns() && !is_rolling();
+  const bool is_world_alone = surroundings.bodies_per_env == 0 && surroundings.drones.count == 0;
+  BeamTargets targets = targets_of(drones.front(), surroundings);
   for (std::size_t i = 0; i < drones.size(); ++i) {
     const DroneIndex drone = drones[i];
-    BeamTargets targets = targets_of(drone, surroundings);
+    if (is_world_alone) {
+      targets.put_into(surroundings.scene_of(drone));
+    } else {
+      targets = targets_of(drone, surroundings);
+    }
     if (targets.drones.count >= kManyDrones) {
       if (i == 0 || surroundings.env_of(drones[i - 1]) != surroundings.env_of(drone)) {
         has_slices = kDronesPerScan * count_of_env(drones.subspan(i), surroundings) >= targets.drones.count;
@@ -323,10 +331,15 @@ void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surr
       if (has_slices) targets.drones.slices = &surroundings.slices;
     }
     if (i + 2 < drones.size()) {
-      if (const trace::Scene& next = surroundings.scene_of(drones[i + 2]); &next != &targets.scene) next.prefetch_parts();
+      if (const trace::Scene& next = surroundings.scene_of(drones[i + 2]); &next != targets.scene) next.prefetch_parts();
     }
     if (surroundings.bodies_per_env > 0 && i + 1 < drones.size()) surroundings.bodies_of(drones[i + 1]).shapes.prefetch_balls();
-    trace_beams(targets, drone, surroundings.state, scan_of(drone, used_reader), surroundings.tracer);
+    const Scan scan = scan_of(drone, used_reader);
+    if (is_plain) {
+      trace_beams<true>(targets, drone, surroundings.state, scan, surroundings.tracer);
+    } else {
+      trace_beams<false>(targets, drone, surroundings.state, scan, surroundings.tracer);
+    }
   }
   surroundings.tracer.finish();
   if (!is_rolling()) return;
@@ -347,7 +360,7 @@ void Lidar::scan(DroneIndex drone, const Surroundings& surroundings, bool has_er
   LidarReadings no_outputs;
   LidarReader reader(surroundings, no_outputs);
   const Scan scan{ranges, edges, needs_hits ? echoes_of(drone, reader, 0) : trace::EchoTarget(), turn_deg_of(readings(), drone)};
-  trace_beams(targets, drone, surroundings.state, scan, surroundings.tracer);
+  trace_beams<false>(targets, drone, surroundings.state, scan, surroundings.tracer);
   surroundings.tracer.finish();
   if (!has_errors) return;
   add_errors(drone, surroundings.state, scan);
@@ -392,29 +405,32 @@ void Lidar::add_errors(DroneIndex drone, const State& state, const Scan& scan) c
                    input_of_draw(state, key, stream_named("range errors"), draws * reading, number_), scan.ranges);
 }
 
+void Lidar::aim(const BeamTargets& targets, DroneIndex drone, const Pose& pose, const std::optional<Mat3>& turn,
+                trace::Tracer& tracer) const {
+  const Mat3 rotation = pose.rotation.toRotationMatrix();
+  tracer.set_viewpoint(*targets.scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
+                                        .rotation = turn ? Mat3(rotation * *turn) : rotation,
+                                        .range = settings_[drone].max_range_m,
+                                        .bodies = &targets.bodies.shapes,
+                                        .drones = &targets.drones,
+                                        .policy = policy_});
+}
+
+template <bool kPlain>
 void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                         trace::Tracer& tracer) const {
   const BeamOptics& optics = settings_.optics(drone);
-  const std::optional<Mat3> turn = turn_of(drone, scan.turn_deg);
+  const std::optional<Mat3> turn = kPlain ? std::nullopt : turn_of(drone, scan.turn_deg);
+  const bool rolls = !kPlain && is_rolling();
+  if (!rolls) aim(targets, drone, pose_of(state, drone), turn, tracer);
   // One loop, so that compilers inline all of it: a scan of few beams takes as long as a few calls and copies.
   for (const bool at_edges : {false, true}) {
     const std::span<float> ranges = at_edges ? scan.edges : scan.ranges;
-    if (ranges.empty()) break;
+    if (at_edges && (kPlain || ranges.empty())) break;
     const BeamPattern& pattern = at_edges ? optics.edges : optics.beams;
     for (const BeamTile& tile : pattern.tiles) {
+      if (rolls) aim(targets, drone, pose_at(path_of(drone, state), tile.beam), turn, tracer);
       const std::size_t first = tile.channel * pattern.columns + tile.beam;
-      if (is_rolling() || (!at_edges && &tile == pattern.tiles.data())) {
-        const Pose pose = is_rolling() ? pose_at(path_of(drone, state), tile.beam) : pose_of(state, drone);
-        Mat3 rotation = pose.rotation.toRotationMatrix();
-        const Vec3 origin = pose.position + trace::rotated(rotation, offset_of(drone));
-        if (turn) rotation *= *turn;
-        tracer.set_viewpoint(targets.scene, {.origin = origin,
-                                             .rotation = rotation,
-                                             .range = settings_[drone].max_range_m,
-                                             .bodies = &targets.bodies.shapes,
-                                             .drones = &targets.drones,
-                                             .policy = policy_});
-      }
       tracer.enqueue({.x = pattern.x.data() + tile.first,
                       .y = pattern.y.data() + tile.first,
                       .z = pattern.z.data() + tile.first,
@@ -423,7 +439,7 @@ void Lidar::trace_beams(const BeamTargets& targets, DroneIndex drone, const Stat
                       .frustum = &tile.frustum,
                       .view = tile.view < 0 ? nullptr : &pattern.views[static_cast<std::size_t>(tile.view)],
                       .fan = tile.fan < 0 ? nullptr : &pattern.fans[static_cast<std::size_t>(tile.fan)]},
-                     ranges.data() + first, pattern.columns, at_edges ? trace::EchoTarget() : scan.echoes.from(first));
+                     ranges.data() + first, pattern.columns, kPlain || at_edges ? trace::EchoTarget() : scan.echoes.from(first));
     }
   }
 }

@@ -120,6 +120,11 @@ class Lidar final : public SensorOf<LidarReadings> {
   }
   // first: place of the drone's beams in the reader's arrays
   trace::EchoTarget echoes_of(DroneIndex drone, trace::EchoReader& reader, std::size_t first) const;
+  // Sets the tracer's viewpoint. turn: of the beams, body frame
+  void aim(const BeamTargets& targets, DroneIndex drone, const Pose& pose, const std::optional<Mat3>& turn,
+           trace::Tracer& tracer) const;
+  // kPlain: for beams of ranges only, without a width, that neither turn nor roll
+  template <bool kPlain>
   void trace_beams(const BeamTargets& targets, DroneIndex drone, const State& state, const Scan& scan,
                    trace::Tracer& tracer) const;
   // Readings of clutter are negative; see add_range_errors().

@@ -159,9 +159,10 @@ class Navigation final : public ConfiguredTask<NavigationConfig> {
       switch (config_.observation) {
         case ObservationKind::goal: {
           Vec3 direction = direction_to(block.context.sensed_pose(drone), goal(block.context, drone));
-          const auto largest = direction.cwiseAbs().maxCoeff();
-          if (config_.goal_norm == GoalNorm::maximum && largest > 0) direction /= largest;
-          std::copy_n(direction.data(), 3, row.data());
+          if (config_.goal_norm == GoalNorm::maximum) {
+            if (const float largest = direction.cwiseAbs().maxCoeff(); largest > 0) direction /= largest;
+          }
+          for (int axis = 0; axis < 3; ++axis) row[static_cast<std::size_t>(axis)] = direction[axis];
           break;
         }
         case ObservationKind::blob: {

@@ -39,9 +39,9 @@ TracePolicy trace_policy_of(TracerKind kind, std::size_t rays);  // rays: of the
 struct Viewpoint {
   Vec3 origin;                        // m, world frame
   Mat3 rotation;                      // sensor to world
-  float near = 0.0F;                  // in lengths of the directions; hits are in [near, range]
-  float range;                        // in lengths of the directions
+  float range;                        // in lengths of the directions; hits are in [near, range]
   float longest = 1.0F;               // length of the longest direction
+  float near = 0.0F;                  // not beside range: reading both at once, just written, would take longer
   bool sees_markers = false;          // markers are visible, numbered after the triangles
   const Bodies* bodies = &kNoBodies;  // the env's; needed by set_viewpoint() only, but their arrays as long as rays are traced
   const Bodies* drones = &kNoBodies;  // the same for the drones that the sensor sees

@@ -147,7 +147,7 @@ TEST(Tracer, AllocatesNothing) {
     for (int i = 0; i < 9; ++i) tracer->enqueue(tile_of(set, 4, aimed), ranges.data(), 16);
     tracer->finish();
     tracer->set_viewpoint(
-        scene, {.origin = Vec3::Zero(), .rotation = Mat3::Identity(), .near = 0.1F, .range = 9.0F, .sees_markers = true});
+        scene, {.origin = Vec3::Zero(), .rotation = Mat3::Identity(), .range = 9.0F, .near = 0.1F, .sees_markers = true});
     static_cast<void>(tracer->trace(tile_of(set, 4, aimed)));
     tracer->trace_shadows(scene);
     tracer->trace_block(scene);
