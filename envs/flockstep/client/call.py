@@ -107,7 +107,12 @@ class Subscription(Generic[T]):
 
 
 #: Field of `Subscribe` for each operation that streams.
-STREAMED = {"get_arrays": "arrays", "get_lidar_data": "lidar", "get_camera_data": "camera", "get_fps": "fps"}
+STREAMED = {
+    operation.name: field.name
+    for operation in SCHEMA.operations.values()
+    for field in SCHEMA.messages["Subscribe"].fields
+    if field.kind == operation.request.name
+}
 
 
 def floats(name: str, values: npt.ArrayLike, *shape: int) -> npt.NDArray[np.float32]:
