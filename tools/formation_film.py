@@ -20,7 +20,7 @@ from flockstep.pictures.body import Body
 from flockstep.pictures.picture import FARTHEST_M
 from flockstep.pictures.stage import Stage
 from flockstep.rotations import rotate
-from flockstep.trainings.table import FORMATION_STEPS
+from flockstep.trainings.table import FORMATION, FORMATION_STEPS
 from tools.film import FINER, INK, Color, Frame, Shot, steps_of, write_captions
 
 Array = npt.NDArray[Any]
@@ -33,7 +33,6 @@ CLEAR_M = 0.4  # of the viewer, below obstacles
 TRAIL_M = 6.0  # seen from behind
 MAP_FROM_M = 100.0  # height of the viewer of the map
 CUT_M = 0.7  # of the map, above the highest drone
-DRONES = 4
 
 
 @dataclass
@@ -55,9 +54,8 @@ def fly(model: Any, seed: int) -> Flight:
     world = flockstep.World.warehouse(seed, size_m=(36.0, 24.0), waypoints=True)
     envs = flockstep.DroneVectorEnv(
         1,
-        task=flockstep.FormationConfig(route="path"),
+        **FORMATION,
         worlds=world,
-        drones_per_env=DRONES,
         max_episode_steps=FORMATION_STEPS["warehouse"],
         autoreset_mode="disabled",
     )

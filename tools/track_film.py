@@ -17,7 +17,6 @@ import tyro
 from PIL import Image
 from tqdm import tqdm
 
-import flockstep
 from flockstep.pictures.body import Body
 from flockstep.pictures.drawing import Drawing
 from flockstep.pictures.stage import Stage
@@ -59,7 +58,7 @@ def controller() -> Flyer:
 
     Its command is the path's velocity 0.6 s ahead, plus a correction towards the path's position at that time.
     """
-    return velocity_control(flockstep.TrackConfig(points=10), point=6, gain=1.0, towards=6)
+    return velocity_control(point=6, gain=1.0, towards=6)
 
 
 class Scene:

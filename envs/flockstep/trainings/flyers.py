@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from flockstep._core import TrackConfig
 from flockstep.rotations import rotate
 from flockstep.trainings.flying import Flyer
 from flockstep.trainings.training import Array, Measure
@@ -16,6 +15,8 @@ CLOSE_M = 0.05
 """Error of a successful flight of Hover or Track."""
 FORMATION_STEP_M = 0.15
 """Way of a full action of Formation."""
+PATH_POINTS = 10
+"""Points of the path that `velocity_control` observes."""
 PURSUIT_GAIN = 3.0
 """1/s, from a difference in velocity to an acceleration."""
 PURSUIT_TURN = 8.0
@@ -96,7 +97,7 @@ def position_control(observation: Array, envs: DroneVectorEnv) -> Array:
     return actions
 
 
-def velocity_control(task: TrackConfig, point: int, gain: float, towards: int = 0) -> Flyer:
+def velocity_control(point: int, gain: float, towards: int = 0) -> Flyer:
     """Fly Track by the controller cascade, commanded a velocity.
 
     It is the path's at the observed point ``point``, plus ``gain`` (1/s) times the offset to the observed point
@@ -104,6 +105,7 @@ def velocity_control(task: TrackConfig, point: int, gain: float, towards: int = 
     """
 
     def act(observation: Array, envs: DroneVectorEnv) -> Array:
+        task: Any = envs.task
         here, next_one, aim = (observation[:, 3 * i : 3 * i + 3] for i in (point, point + 1, towards))
         velocity = rotate(envs.batch.quat_wxyz, (next_one - here) / task.ahead_s + gain * aim)
         missing_yaw = np.arctan2(observation[:, -2], observation[:, -1])
@@ -112,7 +114,7 @@ def velocity_control(task: TrackConfig, point: int, gain: float, towards: int = 
         actions = np.column_stack([velocity / dynamics.max_speed_mps, yaw_rate])
         return np.asarray(np.clip(actions, -1, 1), np.float32)
 
-    return Flyer(act, {"task": task, "control": "velocity"})
+    return Flyer(act, {"points": PATH_POINTS, "control": "velocity"})
 
 
 def pursuit(speed_mps: float) -> Flyer:

@@ -29,6 +29,8 @@ WAREHOUSES = 16
 """Generated warehouses for training, and for the flights that judge. One takes about 20 MB."""
 CAMERA_HEIGHT_M, CAMERA_SIDEWAYS_M = 3.12, 2.5
 """Height of the camera task's playgrounds, and how far to the side their goals are at most."""
+FORMATION: Keywords = {"task": FormationConfig(route="path"), "drones_per_env": 4}
+"""What the bundled policy of Formation flies."""
 FORMATION_STEPS = {"hall": 300, "playground": 400, "warehouse": 1500}
 
 
@@ -154,8 +156,7 @@ def _formation(flights: int, seed: int) -> dict[str, Keywords]:
         "playground": {"worlds": [_large_playground(each) for each in _range(seed, flights)]},
         "warehouse": {"worlds": worlds("warehouse", _range(seed, min(flights, WAREHOUSES)))},
     }
-    path: Keywords = {"task": FormationConfig(route="path"), "drones_per_env": 4}
-    return {kind: {**path, "max_episode_steps": FORMATION_STEPS[kind], **own} for kind, own in drawn.items()}
+    return {kind: {**FORMATION, "max_episode_steps": FORMATION_STEPS[kind], **own} for kind, own in drawn.items()}
 
 
 def _formation_worlds() -> list[World]:
@@ -163,7 +164,6 @@ def _formation_worlds() -> list[World]:
     return playgrounds + 6 * worlds("warehouse", TRAINING_SEEDS[:WAREHOUSES])
 
 
-_TRACK = TrackConfig(points=10)
 _PURSUITS = {"controller": [flyers.pursuit(float(speed)) for speed in np.arange(2.0, 10.1, 0.5)]}
 _POINT = {"log_std_init": -1.5, "features_extractor_class": "PointFeatures"}
 _TEAM = {"net_arch": [128, 128], "log_std_init": -0.7}
@@ -210,8 +210,8 @@ TRAININGS: dict[str, Training] = {
         figures={"median_error_m": ("", "median_error_m")},
         baselines={
             "controller": [  # it lags, so it has to look ahead
-                flyers.velocity_control(_TRACK, point, gain, towards)
-                for point in range(9)
+                flyers.velocity_control(point, gain, towards)
+                for point in range(flyers.PATH_POINTS - 1)
                 for towards in (0, point)
                 for gain in (0.25, 0.5, 1.0, 2.0)
             ]
@@ -330,8 +330,7 @@ TRAININGS: dict[str, Training] = {
             "policy_kwargs": _TEAM,
         },
         learns=lambda: {
-            "task": FormationConfig(route="path"),
-            "drones_per_env": 4,
+            **FORMATION,
             "worlds": _formation_worlds(),
             "random_world": True,
             "max_episode_steps": FORMATION_STEPS["warehouse"],

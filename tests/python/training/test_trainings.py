@@ -229,8 +229,8 @@ def test_position_control_catches_what_is_thrown():
 
 
 def test_velocity_control_follows_a_path():
-    flyer = flyers.velocity_control(flockstep.TrackConfig(points=6, speed_mps=0.5), 3, 2.0)
-    flyer.keywords["drone"] = "x500"
+    flyer = flyers.velocity_control(3, 2.0)
+    flyer.keywords |= {"speed_mps": 0.5, "drone": "x500"}
     verdict = judge(TRAININGS["track"], flyer, 32, UNSEEN)
     assert verdict.crashed == 0
     assert verdict.more["median_error_m"] < 0.1
