@@ -410,7 +410,6 @@ void register_config(py::module_& module) {
   register_fields<ColorRange>(module, "ColorRange",
                               "A range of colours: a pixel matches if each channel is in [low, high]. The default matches "
                               "the green of the goal.");
-  register_fields<PoseSensorConfig>(module, "PoseSensorConfig", "Exact pose, with optional noise and drift.");
   const BatchConfig batch;
   for_each_field(batch, [&]<class Value>(const auto& field, const Value&) {
     if constexpr (HasFirstArrays<Value>) {
@@ -418,15 +417,15 @@ void register_config(py::module_& module) {
       register_fields<Config>(module, class_name_of(keyword_of(field.name)).c_str(), Config::kAbout)
           .def_static("preset", &Config::preset, py::arg("product"),
                       "Return one with the errors of a product or simulator. `ValueError` lists the names.");
+    } else if constexpr (requires { Value::kAbout; }) {
+      register_fields<Value>(module, class_name_of(field.name).c_str(), Value::kAbout);
     }
   });
   register_fields<BodyMotion>(module, "BodyMotion", "Moves a body. Its pose is a function of the time since the episode began.");
   register_fields<BodyConfig>(module, "BodyConfig", "A solid in each env that may move: sensors see it, and drones hit it.");
   register_fields<Light>(module, "Light");
-  register_fields<EpisodeConfig>(module, "EpisodeConfig", "Begin and end of episodes, the same for every task.");
   register_fields<ObservationConfig>(module, "ObservationConfig",
                                      "What agents remember, and when they learn what their task observes.");
-  register_fields<ClockConfig>(module, "ClockConfig", "Rates of policy, controller and physics, per second of simulated time.");
   register_fields<WindConfig>(
       module, "WindConfig",
       "The wind for ``motion=\"rotors\"``: a mean, and separate gusts for each drone, constant during a flown "

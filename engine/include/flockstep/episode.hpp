@@ -42,6 +42,8 @@ struct EnumNames<EpisodeEnd> {
 };
 
 struct EpisodeConfig {
+  static constexpr const char* kAbout = "Begin and end of episodes, the same for every task.";
+
   AutoresetMode autoreset_mode = AutoresetMode::next_step;
   Episodes episodes = Episodes::team;
   std::optional<int> max_episode_steps;
@@ -80,6 +82,8 @@ struct EpisodeConfig {
 // Rates in steps per second of simulated time. A tick is one step of the motion. A control step, for which the policy decides
 // once, is a whole number of ticks. A sensor with a rate reads once every fixed number of ticks.
 struct ClockConfig {
+  static constexpr const char* kAbout = "Rates of policy, controller and physics, per second of simulated time.";
+
   float policy_hz = 10.0F;
   std::optional<float> physics_hz;
   std::optional<float> controller_hz;

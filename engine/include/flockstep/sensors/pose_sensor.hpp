@@ -12,6 +12,8 @@ namespace flockstep {
 
 // The exact pose, with optional Gaussian noise, drift and velocity. Drifts are 0 when an episode begins.
 struct PoseSensorConfig {
+  static constexpr const char* kAbout = "Exact pose, with optional noise and drift.";
+
   float position_noise_std_m = 0.0F;
   float orientation_noise_std_deg = 0.0F;
   std::optional<float> velocity_noise_std_mps;
