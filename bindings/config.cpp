@@ -456,12 +456,10 @@ void register_config(py::module_& module) {
     auto cls = register_fields<Config>(module, class_name_of(Config::kName).c_str(), docstring_of(Config::kAbout, words).c_str());
     cls.attr("_about") = Config::kAbout;
     cls.attr("_words") = words_of(words);
-    if constexpr (std::is_same_v<Config, NavigationConfig>) {
+    if constexpr (requires { &Config::observing; }) {
       cls.def_static(
           "observing",
-          [](const std::string& observation) {
-            return NavigationConfig::observing(enum_of<ObservationKind>(observation, "observation"));
-          },
+          [](const std::string& name) { return Config::observing(enum_of<decltype(Config::observation)>(name, "observation")); },
           py::arg("observation"));
     }
     tasks[Config::kName] = cls;

@@ -28,7 +28,7 @@ std::unique_ptr<Task> make_task(const Config& config) = delete;
 
 // All tasks of the engine, plus std::monostate for none, and RegisteredTask. Recipes, and in Python classes, keywords,
 // environments and their pages are made from this list. A configuration has a name for recipes (kName), a sentence (kAbout),
-// words(), fields() and make_task().
+// words(), fields() and make_task(), and observing() if other defaults depend on its observation.
 using TaskConfig = std::variant<std::monostate, NavigationConfig, HoverConfig, TrackConfig, RaceConfig, DodgeConfig, SwapConfig,
                                 FormationConfig, RegisteredTask>;
 

@@ -56,10 +56,10 @@ TaskConfig read_task(const Json& json) {
   for_each_task([&]<class Config>(std::type_identity<Config>) {
     if (name != Config::kName) return;
     Config config;
-    if constexpr (std::is_same_v<Config, NavigationConfig>) {  // the other defaults depend on the observation
+    if constexpr (requires { &Config::observing; }) {  // the other defaults depend on the observation
       if (fields.contains("observation")) {
         read_config(Json{{"observation", fields["observation"]}}, "task", config);
-        config = NavigationConfig::observing(config.observation);
+        config = Config::observing(config.observation);
       }
     }
     read_config(fields, "task", config);
