@@ -27,7 +27,8 @@ struct Recipe {
 
   // Returns the recipe with the defaults of a task: its worlds, drone, sensors, dynamics and rates.
   FLOCKSTEP_API static Recipe for_task(TaskConfig task);
-  FLOCKSTEP_API void take(const TaskDefaults& defaults);  // those of a task that no configuration describes
+  // Takes the defaults of a task that no configuration describes, in place of the worlds, the drone and the batch.
+  FLOCKSTEP_API void take(const TaskDefaults& defaults);
 
   // The JSON text is an object with the members "flockstep_recipe" (the version of the format, 1), "task" (null, or an object
   // with the task's "name" and the fields of its configuration), "worlds", "drone" (a string, or an object in the format of

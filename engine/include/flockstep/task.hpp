@@ -16,11 +16,11 @@
 
 #include "flockstep/array_visitor.hpp"
 #include "flockstep/buffer.hpp"
+#include "flockstep/config.hpp"
 #include "flockstep/drone_model.hpp"
 #include "flockstep/dynamics.hpp"
 #include "flockstep/episode.hpp"
 #include "flockstep/index.hpp"
-#include "flockstep/interaction.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/sensors/camera.hpp"
 #include "flockstep/sensors/lidar.hpp"
@@ -49,15 +49,10 @@ struct TaskSpec {
 
 // Defaults of an environment with this task, for values that the caller does not give.
 struct TaskDefaults {
-  std::string worlds = "train";                 // a set of scenes, or a single scene
-  std::vector<LidarConfig> lidars;              // LiDARs of each drone
-  std::vector<CameraConfig> cameras;            // cameras of each drone
-  int max_episode_steps = 3000;                 // 0: no limit
-  std::string drone;                            // a bundled airframe; empty: DroneModel::quadrotor650()
-  DynamicsConfig dynamics;                      // motion model and control
-  ClockConfig clock;                            // rates
-  int drones_per_env = 1;                       // drones of an env
-  Interaction interaction = Interaction::none;  // how they interact
+  std::string worlds = "train";  // a set of scenes, or a single scene
+  int max_episode_steps = 3000;  // 0: no limit
+  std::string drone;             // a bundled airframe; empty: DroneModel::quadrotor650()
+  BatchConfig batch;             // sensors, dynamics, rates and the rest
 };
 
 // Access of a task to the batch. Only place(), place_body() and remove_body() write. Indices are not checked.
@@ -239,7 +234,7 @@ class Task {
 // Version of the binary interface between a task library and the engine. Increase it if a change to a header that this file
 // includes changes a layout, a virtual function or the meaning of a value; tests/python/project/test_compatibility.py notices
 // changes.
-#define FLOCKSTEP_TASK_FORMAT 11
+#define FLOCKSTEP_TASK_FORMAT 12
 
 // Version string on which a task library and the engine that loads it must agree: the interface and the layout of Eigen's types,
 // which options such as -march=native change.

@@ -115,12 +115,7 @@ Recipe Recipe::for_task(TaskConfig task) {
 void Recipe::take(const TaskDefaults& defaults) {
   worlds = {defaults.worlds};
   drone = defaults.drone;
-  batch.lidars = defaults.lidars;
-  batch.cameras = defaults.cameras;
-  batch.dynamics = defaults.dynamics;
-  batch.clock = defaults.clock;
-  batch.drones_per_env = defaults.drones_per_env;
-  batch.interaction = defaults.interaction;
+  batch = defaults.batch;
 }
 
 std::string Recipe::to_json() const {

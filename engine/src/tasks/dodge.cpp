@@ -44,8 +44,8 @@ class Dodge final : public ConfiguredTask<DodgeConfig> {
 
   TaskDefaults defaults() const override {
     return {.worlds = "living",
-            .lidars = {LidarConfig{.beams = 72, .hfov_deg = 360.0F, .max_range_m = 6.0F}},
-            .max_episode_steps = 400};
+            .max_episode_steps = 400,
+            .batch = {.lidars = {LidarConfig{.beams = 72, .hfov_deg = 360.0F, .max_range_m = 6.0F}}}};
   }
 
   void setup(const TaskContext& context) override {

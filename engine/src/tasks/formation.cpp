@@ -238,10 +238,10 @@ class Formation final : public ConfiguredTask<FormationConfig> {
 
   TaskDefaults defaults() const override {
     return {.worlds = "arena/hall",
-            .lidars = {LidarConfig{.beams = 36, .hfov_deg = 360.0F, .max_range_m = 4.0F}},
             .max_episode_steps = 300,
-            .drones_per_env = 4,
-            .interaction = Interaction::both};
+            .batch = {.drones_per_env = 4,
+                      .interaction = Interaction::both,
+                      .lidars = {LidarConfig{.beams = 36, .hfov_deg = 360.0F, .max_range_m = 4.0F}}}};
   }
 
   void setup(const TaskContext& context) override {

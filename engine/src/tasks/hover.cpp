@@ -30,8 +30,7 @@ class Hover final : public DifferentiableTask<HoverConfig> {
     return {.worlds = "arena/hall",
             .max_episode_steps = 300,
             .drone = "crazyflie",
-            .dynamics = {.motion = Motion::rotors, .control = Control::rotor_thrusts},
-            .clock = {.policy_hz = 50.0F}};
+            .batch = {.clock = {.policy_hz = 50.0F}, .dynamics = {.motion = Motion::rotors, .control = Control::rotor_thrusts}}};
   }
 
   void setup(const TaskContext& context) override {

@@ -92,11 +92,11 @@ class Navigation final : public ConfiguredTask<NavigationConfig> {
   explicit Navigation(const NavigationConfig& config) : ConfiguredTask(config, action_field(config.action)) {}
 
   TaskDefaults defaults() const override {
-    if (config_.observation == ObservationKind::goal) return {.worlds = "train", .lidars = {LidarConfig()}};
+    if (config_.observation == ObservationKind::goal) return {.worlds = "train", .batch = {.lidars = {LidarConfig()}}};
     // Across the playground, at 10 m, the goal is 1.6 pixels wide, so it always covers the centre of a pixel.
     CameraConfig camera{.width_px = 64, .height_px = 48};
     if (config_.observation == ObservationKind::pixels) camera.layout = ImageLayout::chw;
-    return {.worlds = "camera-train", .lidars = {LidarConfig{.beams = 20, .hfov_deg = 180.0F}}, .cameras = {camera}};
+    return {.worlds = "camera-train", .batch = {.lidars = {LidarConfig{.beams = 20, .hfov_deg = 180.0F}}, .cameras = {camera}}};
   }
 
   void setup(const TaskContext& context) override {

@@ -43,11 +43,11 @@ class Race final : public DifferentiableTask<RaceConfig> {
     return {.worlds = "race/figure-8",
             .max_episode_steps = 350,
             .drone = "racer5",
-            .dynamics = {.motion = Motion::rotors,
-                         .control = Control::body_rates,
-                         .max_rate_dps = 460.0F,       // 8 rad/s
-                         .max_yaw_rate_dps = 230.0F},  // 4 rad/s
-            .clock = {.policy_hz = 50.0F}};
+            .batch = {.clock = {.policy_hz = 50.0F},
+                      .dynamics = {.motion = Motion::rotors,
+                                   .control = Control::body_rates,
+                                   .max_rate_dps = 460.0F,         // 8 rad/s
+                                   .max_yaw_rate_dps = 230.0F}}};  // 4 rad/s
   }
 
   bool takes(Control control) const override { return control == Control::body_rates; }

@@ -49,7 +49,8 @@ class Swap final : public ConfiguredTask<SwapConfig> {
   }
 
   TaskDefaults defaults() const override {
-    return {.worlds = "arena/hall", .max_episode_steps = 300, .drones_per_env = 8, .interaction = Interaction::collide};
+    return {
+        .worlds = "arena/hall", .max_episode_steps = 300, .batch = {.drones_per_env = 8, .interaction = Interaction::collide}};
   }
 
   void setup(const TaskContext& context) override {

@@ -113,8 +113,7 @@ class Track final : public DifferentiableTask<TrackConfig> {
     return {.worlds = "arena/hall",
             .max_episode_steps = 1000,
             .drone = "crazyflie",
-            .dynamics = {.motion = Motion::rotors, .control = Control::body_rates},
-            .clock = {.policy_hz = 100.0F}};
+            .batch = {.clock = {.policy_hz = 100.0F}, .dynamics = {.motion = Motion::rotors, .control = Control::body_rates}}};
   }
 
   void setup(const TaskContext& context) override {

@@ -63,15 +63,24 @@ TEST(Recipe, HasTheDefaultsOfItsTask) {
   const TaskDefaults defaults = make_task(HoverConfig{})->defaults();
   EXPECT_EQ(hover.worlds, std::vector<std::string>{defaults.worlds});
   EXPECT_EQ(std::get<std::string>(hover.drone), defaults.drone);
-  EXPECT_EQ(hover.batch.dynamics.motion, defaults.dynamics.motion);
-  EXPECT_EQ(hover.batch.clock.policy_hz, defaults.clock.policy_hz);
+  EXPECT_EQ(hover.batch.dynamics.motion, defaults.batch.dynamics.motion);
+  EXPECT_EQ(hover.batch.clock.policy_hz, defaults.batch.clock.policy_hz);
   const Recipe swap = Recipe::from_json(R"({"task": {"name": "swap"}})");
-  EXPECT_EQ(swap.batch.drones_per_env, make_task(SwapConfig{})->defaults().drones_per_env);
+  EXPECT_EQ(swap.batch.drones_per_env, make_task(SwapConfig{})->defaults().batch.drones_per_env);
   EXPECT_EQ(swap.batch.interaction, Interaction::collide);
   const Recipe pixels = Recipe::from_json(R"({"task": {"name": "navigation", "observation": "pixels"}})");
   EXPECT_EQ(pixels.worlds, std::vector<std::string>{"camera-train"});
   EXPECT_EQ(pixels.batch.cameras.size(), 1U);
   EXPECT_EQ(std::get<NavigationConfig>(pixels.task).action, NavigationConfig::observing(ObservationKind::pixels).action);
+}
+
+TEST(Recipe, TakesEveryFieldOfABatchThatATaskSets) {
+  Recipe recipe = Recipe::for_task(RegisteredTask{"mine/Reach-v0"});
+  recipe.take({.worlds = "validation", .drone = "x500", .batch = {.num_threads = 3, .max_bodies = 5}});
+  EXPECT_EQ(recipe.worlds, std::vector<std::string>{"validation"});
+  EXPECT_EQ(std::get<std::string>(recipe.drone), "x500");
+  EXPECT_EQ(recipe.batch.num_threads, 3);
+  EXPECT_EQ(recipe.batch.max_bodies, 5);
 }
 
 TEST(Recipe, ReadsBackEqual) {

@@ -70,8 +70,9 @@ std::shared_ptr<const World> arena() { return make_world({primitive(PrimitiveKin
 
 template <class Config>
 BatchConfig flights(const Config& task, int num_envs, Control control) {
-  const TaskDefaults defaults = make_task(task)->defaults();
-  BatchConfig config{.num_envs = num_envs, .num_threads = 1, .clock = defaults.clock, .dynamics = defaults.dynamics};
+  BatchConfig config = make_task(task)->defaults().batch;
+  config.num_envs = num_envs;
+  config.num_threads = 1;
   config.dynamics.control = control;
   return config;
 }

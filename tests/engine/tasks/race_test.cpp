@@ -18,8 +18,10 @@ std::shared_ptr<const World> lane(Visibility visibility = Visibility::full, Gate
 }
 
 BatchConfig race_batch(int num_envs, int num_threads = 1) {
-  const TaskDefaults defaults = make_task(RaceConfig())->defaults();
-  return {.num_envs = num_envs, .num_threads = num_threads, .clock = defaults.clock, .dynamics = defaults.dynamics};
+  BatchConfig config = make_task(RaceConfig())->defaults().batch;
+  config.num_envs = num_envs;
+  config.num_threads = num_threads;
+  return config;
 }
 
 const DroneModel& racer() {

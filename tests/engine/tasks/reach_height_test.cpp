@@ -46,8 +46,8 @@ TEST(ReachHeight, SaysWhatItIs) {
   EXPECT_EQ(task->spec().observation[0].name, "height");
   EXPECT_EQ(task->spec().reward_terms, (std::vector<std::string>{"closer", "arrived"}));
   EXPECT_EQ(task->defaults().worlds, "train");
-  EXPECT_TRUE(task->defaults().lidars.empty());
-  EXPECT_TRUE(task->defaults().cameras.empty());
+  EXPECT_TRUE(task->defaults().batch.lidars.empty());
+  EXPECT_TRUE(task->defaults().batch.cameras.empty());
   EXPECT_EQ(task->defaults().max_episode_steps, 200);
 }
 
