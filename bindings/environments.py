@@ -88,14 +88,18 @@ def field_table(fields: list[Any]) -> list[str]:
     return table(("field", "description"), [(f"`{f['name']}={f['shown']}`", f["about"]) for f in fields])
 
 
+def changed(config: Any, fields: list[Any]) -> dict[str, Any]:
+    """Return the fields that differ from the defaults."""
+    default = type(config)()
+    values = {field["name"]: getattr(config, field["name"]) for field in fields}
+    return {name: value for name, value in values.items() if value != getattr(default, name)}
+
+
 def configured(config: Any) -> str:
     """Return a configuration: its class, and the fields that differ from its defaults."""
-    default, other = type(config)(), []
-    for name in (field["name"] for field in config._fields):
-        value = getattr(config, name)
-        if value != getattr(default, name):
-            other.append(f"{name}={configured(value) if hasattr(value, '_fields') else repr(value)}")
-    return f"{type(config).__name__}({', '.join(other)})"
+    other = changed(config, config._fields).items()
+    listed = (f"{name}={configured(value) if hasattr(value, '_fields') else repr(value)}" for name, value in other)
+    return f"{type(config).__name__}({', '.join(listed)})"
 
 
 class Environment:
@@ -112,20 +116,19 @@ class Environment:
         self.action = space_text(made.single_action_space)
         self.config: Any = recipe.task
         self.is_default = recipe.task == self.task()
-        keywords = dict(  # noqa: C408 # as users write them
+        keywords: dict[str, Any] = dict(  # noqa: C408 # as users write them
             worlds=recipe.worlds[0] if len(recipe.worlds) == 1 else recipe.worlds,
             drone=made.batch.drone.name,
-            motion=str(recipe.dynamics.motion),
-            control=str(recipe.dynamics.control),
-            drones_per_env=made.batch.drones_per_env,
-            interaction=str(recipe.interaction),
-            policy_hz=float(recipe.clock.policy_hz),
-            max_episode_steps=gymnasium.spec(env_id).max_episode_steps,
+            motion=recipe.dynamics.motion,
+            control=recipe.dynamics.control,
+            policy_hz=recipe.clock.policy_hz,
         )
+        for name, value in changed(recipe, _core._other_fields["BatchConfig"]).items():
+            if not isinstance(value, list):  # of sensors, see below
+                keywords |= changed(value, value._fields) if hasattr(value, "_fields") else {name: value}
         self.defaults = [] if self.is_default else [f"`task={configured(recipe.task)}`"]
         for name, value in keywords.items():
-            if value not in (1, "none"):  # one drone in each env
-                self.defaults.append(f"`{name}={format(value, 'g') if isinstance(value, float) else repr(value)}`")
+            self.defaults.append(f"`{name}={format(value, 'g') if isinstance(value, float) else repr(value)}`")
         self.defaults += [f"`lidar` with {lidar_text(config)}" for config in made.lidars]
         for c in made.cameras:
             self.defaults.append(f"`camera` with {c.width_px} x {c.height_px} pixels, {c.hfov_deg or 90:g}°")
