@@ -69,7 +69,7 @@ class Task:
         Bodies in every env when an episode begins, one `BodyConfig` or a sequence, and the number of slots for bodies;
         see `Bodies`. Default: none.
     interaction
-        How the drones of an env interact: ``"none"``, ``"sense"``, ``"collide"`` or ``"both"``; see `Batch`.
+        How the drones of an env interact; see `Batch`.
     lights
         Lights of which each episode of an env draws one, a `Light` or a sequence. Default: the lights of the worlds.
     worlds
