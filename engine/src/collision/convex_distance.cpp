@@ -20,6 +20,8 @@ constexpr double kUnitsPerMetre = 1000.0;
 constexpr double kRelativeError = 3e-4;
 constexpr double kAbsoluteError = 1e-6;  // m
 constexpr int kMaxRestarts = 8;
+constexpr int kMaxStarts = 7;             // of a search for the way out
+constexpr double kCoarse = 2e-3;          // m, error of such a search at a round obstacle
 constexpr double kZeroDifference = 1e-9;  // m
 constexpr double kZeroDistance = 1e-4;    // Bullet units; Bullet does not normalise shorter directions
 
@@ -260,13 +262,23 @@ Penetration penetrate(const Hull& hull, const Mat3d& rotation, const Vec3d& posi
   if (outwards.squaredNorm() == 0.0) outwards = Vec3d::UnitZ();
   const Side a(hull);
   const Side b(obstacle, rotation, position);
-  btGjkEpaSolver3::sResults found;
   Penetration result{outwards.normalized(), closest_point(obstacle, position)};
-  if (btGjkEpaSolver3_Penetration(a, b, to_bullet(rotation.transpose() * -outwards), found) &&
-      std::abs(found.normal.length2() - 1.0) < 1e-6) {
-    result.normal = of_least_overlap(hull, rotation, position, obstacle, (rotation * from_bullet(found.normal)).normalized());
-    result.point = position + rotation * (from_bullet(found.witnesses[1]) / kUnitsPerMetre);
+  double least = std::numeric_limits<double>::infinity();
+  // About one search in ten thousand fails, or ends at a way out that is far too long. The depth that it claims then differs from
+  // the overlap along its normal, and another start helps.
+  for (int attempt = 0; attempt < kMaxStarts; ++attempt) {
+    const Vec3d guess = attempt == 0 ? Vec3d(-outwards) : (attempt % 2 == 0 ? 1.0 : -1.0) * Vec3d::Unit((attempt - 1) / 2);
+    btGjkEpaSolver3::sResults found;
+    if (!btGjkEpaSolver3_Penetration(a, b, to_bullet(rotation.transpose() * guess), found)) continue;
+    if (!(std::abs(found.normal.length2() - 1.0) < 1e-6)) continue;
+    const Vec3d normal = (rotation * from_bullet(found.normal)).normalized();
+    const double overlap = -normal.dot(farthest_against(hull, rotation, position, obstacle, normal).value);
+    if (!(overlap < least)) continue;
+    least = overlap;
+    result = {normal, position + rotation * (from_bullet(found.witnesses[1]) / kUnitsPerMetre)};
+    if (overlap + found.distance / kUnitsPerMetre < kCoarse) break;
   }
+  result.normal = of_least_overlap(hull, rotation, position, obstacle, result.normal);
   return result;
 }
 

@@ -117,5 +117,26 @@ TEST(ConvexDistance, SeparatesWhatAPlaneSeparates) {
   }
 }
 
+TEST(ConvexDistance, NoFaceOfABoxIsAShorterWayOut) {
+  Random random(6U + part_tried());
+  const Hull hull(quadrotor());
+  const Convex box = make_convex({.kind = PrimitiveKind::box, .half_extents = Vec3::Ones()});
+  const long poses = times_tried(50'000 / kThinning);
+  for (long pose = 0; pose < poses; ++pose) {
+    const Mat3d rotation = random.rotation().toRotationMatrix().cast<double>();
+    const Vec3d position = random.point(1.4F).cast<double>();
+    if (!separate(hull, rotation, position, box, position).overlapping) continue;
+    const auto length_along = [&](const Vec3d& normal) {
+      double nearest = std::numeric_limits<double>::infinity();
+      for (int i = 0; i < hull.count(); ++i) nearest = std::min(nearest, normal.dot(position + rotation * hull.vertex(i)));
+      return normal.cwiseAbs().sum() - nearest;
+    };
+    const double found = length_along(penetrate(hull, rotation, position, box).normal);
+    for (int face = 0; face < 6; ++face) {
+      ASSERT_LT(found, length_along((face < 3 ? 1.0 : -1.0) * Vec3d::Unit(face % 3)) + 1e-6) << "pose " << pose;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace flockstep::collision
