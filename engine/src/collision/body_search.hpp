@@ -17,9 +17,11 @@ namespace flockstep::collision {
 // The bodies have members of their own, so that a search without bodies costs nothing more.
 class BodySearch : public Search {
  public:
-  // While the hull moves, bodies move from time `begin` to time `end` of their motion.
-  BodySearch(const Hull& hull, const Pose& from, const Pose& to, double begin, double end)
-      : Search(hull, from, to), begin_(begin), end_(end) {}
+  // While the hull moves, bodies move from time `begin` to time `end` of their motion. leads_out: as for first_contact().
+  BodySearch(const Hull& hull, const Pose& from, const Pose& to, double begin, double end, bool leads_out = false)
+      : Search(hull, from, to), begin_(begin), end_(end) {
+    leads_out_ = leads_out;
+  }
 
   using Search::test;
 

@@ -1,7 +1,11 @@
 #include "collision/clearing.hpp"
 
+#include <algorithm>
+#include <limits>
+
 #include "collision/convex_distance.hpp"
 #include "collision/mover.hpp"
+#include "collision/moving_sweep.hpp"
 #include "collision/search.hpp"
 
 namespace flockstep::collision {
@@ -76,6 +80,15 @@ Pose cleared(const Obstacles& obstacles, std::span<const MovingSolid> bodies, co
   }
   if (const double length = moved.norm(); length > most) moved *= most / length;
   return {(pose.position.cast<double>() + moved).cast<float>(), pose.rotation};
+}
+
+Pose led_out(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const Hull& hull, const Pose& pose, double most) {
+  const Pose out = cleared(obstacles, bodies, hull, pose, 1.0, std::numeric_limits<double>::infinity());
+  const bool is_free = !first_contact(obstacles, bodies, hull, out, out, 1.0).inside;
+  const Pose target = is_free ? out : cleared(obstacles, bodies, hull, pose, 1.0, most);
+  const float flown = first_contact(obstacles, bodies, hull, pose, target, 1.0, is_free).fraction;
+  const double length = (target.position - pose.position).cast<double>().norm();
+  return interpolate(pose, target, std::min(flown, static_cast<float>(most / length)));
 }
 
 }  // namespace flockstep::collision

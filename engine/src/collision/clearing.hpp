@@ -16,4 +16,9 @@ namespace flockstep::collision {
 Pose cleared(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const Hull& hull, const Pose& pose, double time,
              double most);
 
+// Returns the pose moved by at most `most` (m) straight towards where the hull is cleared, until it hits something that it does
+// not begin inside of. On its way out of several obstacles it may get deeper into one for a while: the shortest ways out of two
+// may cross. If no place is found where it is free, it gets no deeper into any. Bodies stand at the end of their motion.
+Pose led_out(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const Hull& hull, const Pose& pose, double most);
+
 }  // namespace flockstep::collision

@@ -300,8 +300,8 @@ MovingContact contact_of(const BodySearch& search, double begin) {
 }  // namespace
 
 MovingContact first_contact(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const Hull& hull, const Pose& from,
-                            const Pose& to, double begin) {
-  BodySearch search(hull, from, to, begin, 1.0);
+                            const Pose& to, double begin, bool leads_out) {
+  BodySearch search(hull, from, to, begin, 1.0, leads_out);
   test_all(search, obstacles, bodies, [](const MovingSolid&) { return false; });
   return contact_of(search, begin);
 }

@@ -24,9 +24,10 @@ struct MovingContact : Contact {
 // both move and turn. The rules of sweep() hold for bodies, too: standoff, rest, and a hull that begins inside a body may only
 // leave it, relative to the body. The fraction is of the hull's motion. If several contacts come first at the same time, the
 // static world is reported before bodies, and the body with the lowest index before others. With no bodies near, the result is
-// that of sweep(). Allocates nothing; the result depends only on the arguments, not on the order of the bodies.
+// that of sweep(). leads_out: the motion is known to lead out of all that the hull begins inside of, which is ignored. Allocates
+// nothing; the result depends only on the arguments, not on the order of the bodies.
 MovingContact first_contact(const Obstacles& obstacles, std::span<const MovingSolid> bodies, const Hull& hull, const Pose& from,
-                            const Pose& to, double begin = 0.0);
+                            const Pose& to, double begin = 0.0, bool leads_out = false);
 
 // The same for one body and no static world.
 MovingContact first_contact(const MovingSolid& body, const Hull& hull, const Pose& from, const Pose& to);

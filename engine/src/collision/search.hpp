@@ -128,6 +128,7 @@ class Search {
   // Returns the contact with an obstacle. start: from clearance_at_start(). Contacts after `limit` may be missed.
   template <class Track>
   Found touch(const Mover<Track>& mover, const Convex& obstacle, Clearance start, double limit) const {
+    if (leads_out_ && (start.overlapping || start.gap < margins_.floor())) return {};
     if (start.overlapping || start.gap <= kTouching) {
       if (start.gap <= 0.0) start = way_out(mover, obstacle, 0.0);
       Touch touch = mover.leave(start, 0.0);
@@ -145,6 +146,7 @@ class Search {
     };
     const Clearance start = clearance(0.0, wall.normal);
     const bool leaving = start.gap < margins_.floor();
+    if (leaving && leads_out_) return;
     Touch touch = leaving ? mover().leave(start, 0.0) : mover().first_touch(start, clearance, margins_, first_.time);
     const double at = touch.inside ? 0.0 : touch.time;
     if (touch.hit) touch.point = point_on_wall(hull_, mover().path().matrix(at), mover().path().position(at), wall);
@@ -291,7 +293,8 @@ class Search {
   const Pose& to_;
   Margins margins_;
   Vec3 middle_;
-  float reach_;  // m
+  float reach_;             // m
+  bool leads_out_ = false;  // obstacles that the hull begins inside of do not end the motion
   std::optional<Mover<Path>> mover_;
   Touch first_;  // ends the motion
   std::uint32_t element_ = 0;

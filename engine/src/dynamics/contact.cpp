@@ -474,9 +474,7 @@ void ContactResolver::move_out(std::size_t a) {
   const double most = kSpeedOut * each.motion.duration_s - static_cast<double>(std::max(outwards, 0.0F));
   segment.from = segment.to;
   const auto solids = solids_near(a, static_cast<float>(kSpeedOut * each.motion.duration_s));
-  const Pose target = collision::cleared(*obstacles_, solids, hull_, segment.from, 1.0, most);
-  const MovingContact contact = collision::first_contact(*obstacles_, solids, hull_, segment.from, target, 1.0);
-  segment.to = collision::interpolate(segment.from, target, contact.hit ? contact.fraction : 1.0F);
+  segment.to = collision::led_out(*obstacles_, solids, hull_, segment.from, most);
   each.is_deflected = true;
 }
 

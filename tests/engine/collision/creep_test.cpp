@@ -1,6 +1,7 @@
 // A hull at rest against an obstacle: repeated pushes and turns bring it no closer, and it can always leave.
 
 #include "collide.hpp"
+#include "collision/clearing.hpp"
 #include "collision/sweep.hpp"
 #include "convex_oracle.hpp"
 #include "meshes.hpp"
@@ -27,6 +28,16 @@ Obstacle solid(const std::string& name, PrimitiveKind kind, const Vec3& center, 
           [shape = oracle::solid(primitive)](const oracle::Support& hull) { return oracle::distance(hull, shape).lower; }};
 }
 
+std::vector<oracle::Support> triangles_of(const TriangleMesh& mesh) {
+  std::vector<oracle::Support> triangles;
+  for (const auto& triangle : mesh.triangles) {
+    std::vector<Vec3d> corners;
+    for (const std::int32_t index : triangle) corners.push_back(mesh.vertices[static_cast<std::size_t>(index)].cast<double>());
+    triangles.push_back(oracle::polytope(corners));
+  }
+  return triangles;
+}
+
 std::vector<Obstacle> obstacles_at(const Vec3& point) {
   using enum PrimitiveKind;
   const Quat turned(Eigen::AngleAxisf(0.7F, Vec3(1, 2, 3).normalized()));
@@ -51,14 +62,7 @@ std::vector<Obstacle> obstacles_at(const Vec3& point) {
     }
   }
   add_squares(of_triangles.mesh, 0, kCells, kCells);
-  std::vector<oracle::Support> triangles;
-  for (const auto& triangle : of_triangles.mesh.triangles) {
-    std::vector<Vec3d> corners;
-    for (const std::int32_t index : triangle)
-      corners.push_back(of_triangles.mesh.vertices[static_cast<std::size_t>(index)].cast<double>());
-    triangles.push_back(oracle::polytope(corners));
-  }
-  all.push_back({"triangles", of_triangles, [triangles](const oracle::Support& hull) {
+  all.push_back({"triangles", of_triangles, [triangles = triangles_of(of_triangles.mesh)](const oracle::Support& hull) {
                    double least = std::numeric_limits<double>::infinity();
                    for (const auto& triangle : triangles) least = std::min(least, oracle::distance(hull, triangle).lower);
                    return least;
@@ -188,6 +192,40 @@ TEST(Inside, MayMoveOutNeverDeeper) {
     }
     EXPECT_GT(came_out, kRounds / 4);
   }
+}
+
+// A mesh has no inside: at its edges the ways out of its triangles cross.
+TEST(Inside, IsLedOutOfAMesh) {
+  TriangleMesh mesh;
+  add_box(mesh, Vec3::Zero(), Vec3::Constant(0.5F));
+  const auto world = make_world({}, {}, mesh);
+  const Obstacles& obstacles = prepared(*world).obstacles();
+  const Hull hull(quadrotor());
+  Random random(8 + part_tried());
+  const long starts = times_tried(5000 / kThinning);
+  for (long start = 0; start < starts; ++start) {
+    const Vec3 inwards = -random.direction().normalized();
+    Pose pose{-1.5F * inwards, start % 2 == 0 ? Quat::Identity() : random.rotation()};
+    while (!overlaps(obstacles, hull, pose)) pose.position += random.within(0.001F, 0.05F) * inwards;
+    for (int step = 0; step < 125 && overlaps(obstacles, hull, pose); ++step) {
+      const Vec3 before = pose.position;
+      pose = led_out(obstacles, {}, hull, pose, 0.01);
+      ASSERT_LT((pose.position - before).norm(), 0.01001F) << start;
+    }
+    for (const oracle::Support& triangle : triangles_of(mesh)) {
+      ASSERT_GT(oracle::distance(hull_of(pose), triangle).lower, 0.0) << start;
+    }
+  }
+}
+
+TEST(Inside, IsNotLedThroughSomethingElse) {
+  const auto box = [](float x, float half_x) { return primitive(PrimitiveKind::box, {x, 0, 0}, {half_x, 1, 1}); };
+  const auto world = make_world({box(0.0F, 1.0F), box(0.5F, 0.01F)});
+  const Obstacles& obstacles = prepared(*world).obstacles();
+  const Hull cube{DroneModel(oracle::corners_of_box(Vec3::Constant(0.05F)))};
+  const Pose from{.position = {0.2F, 0, 0}};
+  EXPECT_NEAR(led_out(obstacles, {}, cube, from, 0.1).position.x(), 0.3F, 1e-6F);
+  EXPECT_NEAR(led_out(obstacles, {}, cube, from, 2.0).position.x(), 0.49 - 0.05 - kStandoff, 1e-5);
 }
 
 }  // namespace
