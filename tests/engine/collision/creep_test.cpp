@@ -200,8 +200,9 @@ TEST(Inside, IsLedOutOfAMesh) {
   add_box(mesh, Vec3::Zero(), Vec3::Constant(0.5F));
   const auto world = make_world({}, {}, mesh);
   const Obstacles& obstacles = prepared(*world).obstacles();
-  const Hull hull(quadrotor());
-  Random random(8 + part_tried());
+  const DroneModel x500 = DroneModel::load("x500");
+  const Hull hull(x500);
+  Random random(8U + part_tried());
   const long starts = times_tried(5000 / kThinning);
   for (long start = 0; start < starts; ++start) {
     const Vec3 inwards = -random.direction().normalized();
@@ -213,7 +214,7 @@ TEST(Inside, IsLedOutOfAMesh) {
       ASSERT_LT((pose.position - before).norm(), 0.01001F) << start;
     }
     for (const oracle::Support& triangle : triangles_of(mesh)) {
-      ASSERT_GT(oracle::distance(hull_of(pose), triangle).lower, 0.0) << start;
+      ASSERT_GT(oracle::distance(oracle::hull_at(x500, pose), triangle).lower, 0.0) << start;
     }
   }
 }
