@@ -292,9 +292,11 @@ class Formation final : public ConfiguredTask<FormationConfig> {
 
   void place(const TaskBlock& block) override {
     const TaskContext& context = block.context;
-    Leaders leaders(*this, context, 0);
+    for (const EnvIndex env : block.envs) {
+      if (config_.route == FormationRoute::loop) draw_loop(context, env);
+    }
+    Leaders leaders(*this, context, block.drones.front(), 0);
     for (const DroneIndex drone : block.drones) {
-      if (config_.route == FormationRoute::loop) draw_loop(context, context.env_of(drone));
       const Leader& leader = leaders.of(drone);
       const Vec3 place = place_of(leader, drone).cast<float>();
       Vec3 start = place;
@@ -320,7 +322,7 @@ class Formation final : public ConfiguredTask<FormationConfig> {
   }
 
   void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
-    Leaders leaders(*this, block.context, substeps_);
+    Leaders leaders(*this, block.context, block.drones.front(), substeps_);
     for (const DroneIndex drone : block.drones) {
       change_[drone] = 0.0;
       Pose target = motion_.target(block.context.state(), drone, actions.row<float>(drone), &change_[drone]);
@@ -332,7 +334,7 @@ class Formation final : public ConfiguredTask<FormationConfig> {
   void score(const TaskBlock& block, Score& score) override {
     const TaskContext& context = block.context;
     const State& state = context.state();
-    Leaders leaders(*this, context, 0);
+    Leaders leaders(*this, context, block.drones.front(), 0);
     for (const DroneIndex drone : block.drones) {
       motion_.moved(state, drone);
       const EnvIndex env = context.env_of(drone);
@@ -359,7 +361,8 @@ class Formation final : public ConfiguredTask<FormationConfig> {
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
     const TaskContext& context = block.context;
-    Leaders leaders(*this, context, 0), next_leaders(*this, context, substeps_);
+    const DroneIndex first = block.drones.front();
+    Leaders leaders(*this, context, first, 0), next_leaders(*this, context, first, substeps_);
     for (const DroneIndex drone : block.drones) {
       const std::span<float> row = observation[0].row<float>(drone);
       const Eigen::Vector3d place = place_of(leaders.of(drone), drone);
@@ -388,21 +391,25 @@ class Formation final : public ConfiguredTask<FormationConfig> {
   // The leaders of envs after some more ticks. Keeps that of the last env, since the drones of an env follow each other.
   class Leaders {
    public:
-    Leaders(const Formation& task, const TaskContext& context, int more_ticks)
-        : task_(task), context_(context), more_ticks_(more_ticks) {}
+    Leaders(const Formation& task, const TaskContext& context, DroneIndex first, int more_ticks)
+        : task_(task),
+          context_(context),
+          more_ticks_(more_ticks),
+          env_(context.env_of(first)),
+          leader_(task.leader_of(context.state(), env_, more_ticks)) {}
     const Leader& of(DroneIndex drone) {
       const EnvIndex env = context_.env_of(drone);
-      if (!leader_ || env != env_) leader_ = task_.leader_of(context_.state(), env, more_ticks_);
+      if (env != env_) leader_ = task_.leader_of(context_.state(), env, more_ticks_);
       env_ = env;
-      return *leader_;
+      return leader_;
     }
 
    private:
     const Formation& task_;
     const TaskContext& context_;
     int more_ticks_;
-    EnvIndex env_{0};
-    std::optional<Leader> leader_;
+    EnvIndex env_;
+    Leader leader_;
   };
 
   Eigen::Vector3d place_of(const Leader& leader, DroneIndex drone) const {
