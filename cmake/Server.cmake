@@ -24,3 +24,4 @@ endforeach()
 # Calls of Boost's templates, a quarter of whose compile time an optimiser takes; what handles values is in the protocol.
 target_compile_options(flockstep_server PRIVATE $<$<CONFIG:Release>:-O1>)
 compile_folders_as_one(flockstep_server "" ${service_sources})
+set_target_properties(flockstep_protocol PROPERTIES UNITY_BUILD ${FLOCKSTEP_UNITY})

@@ -60,9 +60,9 @@ std::size_t size_of(const JsonField& parent, std::string_view key) {
 // ------------------------------------------------------------------------------------------------------------ document
 
 // Reads the document into a model, list by list. Each list refers only to earlier ones.
-class Reader {
+class ModelReader {
  public:
-  Reader(const JsonField& root, std::optional<std::string_view> chunk, GltfFiles& files)
+  ModelReader(const JsonField& root, std::optional<std::string_view> chunk, GltfFiles& files)
       : root_(root), chunk_(chunk), files_(files) {}
 
   GltfModel read() {
@@ -610,7 +610,7 @@ GltfModel read_gltf_model(const std::string& bytes, const std::string& source, G
   Glb parts{bytes, std::nullopt};
   if (bytes.starts_with("glTF")) parts = parts_of_glb(bytes, source);
   const auto document = json::Document::parse(std::string(parts.json), source);
-  return Reader(document->root(), parts.chunk, files).read();
+  return ModelReader(document->root(), parts.chunk, files).read();
 }
 
 }  // namespace flockstep

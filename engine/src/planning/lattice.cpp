@@ -14,13 +14,13 @@ namespace {
 constexpr double kMaxBlocks = 1 << 25;
 constexpr std::size_t kListThreshold = 1000;  // obstacles per cell; above this, each sweep queries those near its motion
 
-struct Extent {
+struct CellsAside {
   Eigen::Array3d below = Eigen::Array3d::Zero();  // cells from the start to the region's lower end
   Eigen::Array3d above = Eigen::Array3d::Zero();
 };
 
-Extent extent_of(const Aabb& region, const Vec3& start, float cell, bool is_flat) {
-  Extent extent;
+CellsAside extent_of(const Aabb& region, const Vec3& start, float cell, bool is_flat) {
+  CellsAside extent;
   for (int axis = 0; axis < (is_flat ? 2 : 3); ++axis) {
     extent.below[axis] = std::floor((static_cast<double>(start[axis]) - static_cast<double>(region.min[axis])) / cell);
     extent.above[axis] = std::floor((static_cast<double>(region.max[axis]) - static_cast<double>(start[axis])) / cell);
@@ -45,18 +45,18 @@ struct Lattice::Filling {
 };
 
 double Lattice::count(const Aabb& region, const Vec3& start, float cell, bool is_flat) {
-  const Extent extent = extent_of(region, start, cell, is_flat);
+  const CellsAside extent = extent_of(region, start, cell, is_flat);
   return (extent.below + extent.above + 1.0).prod();
 }
 
 bool Lattice::fits(const Aabb& region, const Vec3& start, float cell, bool is_flat) {
-  const Extent extent = extent_of(region, start, cell, is_flat);
+  const CellsAside extent = extent_of(region, start, cell, is_flat);
   return ((extent.below + extent.above + 1.0) / kAside).ceil().prod() <= kMaxBlocks;
 }
 
 Lattice::Lattice(const FreeSpace& space, const Aabb& region, const Vec3& start, const Vec3& goal, float cell, bool is_flat)
     : space_(space), origin_(start), goal_(goal), cell_(cell) {
-  const Extent extent = extent_of(region, start, cell, is_flat);
+  const CellsAside extent = extent_of(region, start, cell, is_flat);
   if (!fits(region, start, cell, is_flat)) refuse_cells(cell);
   start_ = extent.below.cast<int>();
   size_ = (extent.below + extent.above).cast<int>() + 1;

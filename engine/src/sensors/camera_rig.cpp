@@ -79,9 +79,8 @@ void CameraRig::clear(DroneIndex drone) {
   for (const auto& camera : cameras_) camera->clear(drone);
 }
 
-std::uint64_t CameraRig::Sight::of(DroneIndex drone) {
+std::uint64_t CameraRig::Sight::of_others(DroneIndex drone) {
   const std::size_t per_env = rig_.drones_per_env_;
-  if (!rig_.sees_drones_ || per_env == 1) return 0;
   const std::size_t env = drone / per_env, first = env * per_env;
   if (env_ == env) return hash_;
   const State& state = *rig_.state_;

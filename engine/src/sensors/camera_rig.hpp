@@ -89,9 +89,12 @@ class CameraRig {
   class Sight {
    public:
     explicit Sight(const CameraRig& rig) : rig_(rig) {}
-    std::uint64_t of(DroneIndex drone);  // 0 if drones do not see each other
+    // 0 if drones do not see each other.
+    std::uint64_t of(DroneIndex drone) { return rig_.sees_drones_ && rig_.drones_per_env_ > 1 ? of_others(drone) : 0; }
 
    private:
+    std::uint64_t of_others(DroneIndex drone);
+
     const CameraRig& rig_;
     std::size_t env_ = SIZE_MAX;  // none
     std::uint64_t hash_ = 0;
