@@ -149,8 +149,13 @@ class GroupFlight {
       load_rows(commands.command.data() + 4 * group_[0], numbers);
       return void(std::copy(numbers.begin(), numbers.end(), flock_.setpoint.begin()));
     }
+    const std::size_t size = fleet_.command_size(control);
+    const auto step_s = static_cast<float>(fleet_.clock.step_s());
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      const auto setpoint = setpoint_of(control, fleet_.airframe_of(group_[lane]), input_of(commands, group_[lane]));
+      const DroneIndex drone = group_[lane];
+      const Setpoint setpoint = control == Control::pose
+                                    ? setpoint_of(commands.step_start[drone], commands.target[drone], step_s)
+                                    : command_setpoint(lane, control, commands.command.data() + size * drone);
       for (std::size_t k = 0; k < setpoint.size(); ++k) flock_.setpoint[k][lane] = setpoint[k];
     }
   }
@@ -160,13 +165,10 @@ class GroupFlight {
     Arrivals& arrivals = context_.scratch.arrivals;
     arrivals.clear();
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      SetpointInput input = input_of(commands, group_[lane]);
       const std::int64_t start = step_start(lane);
       std::size_t count = 0;
       const auto add = [&](const float* command, std::int64_t at, std::size_t) {
-        std::copy_n(command, fleet_.command_size(control_of(commands)), input.command.data());
-        const auto setpoint = setpoint_of(control_of(commands), fleet_.airframe_of(group_[lane]), input);
-        arrivals.add(setpoint, static_cast<float>(at - start), lane, count++, flock_);
+        arrivals.add(command_setpoint(lane, control_of(commands), command), static_cast<float>(at - start), lane, count++, flock_);
       };
       fleet_.commands.for_each(group_[lane], start + first_tick, start + first_tick + ticks, add);
     }
@@ -174,18 +176,8 @@ class GroupFlight {
   }
 
   Control control_of(const Commands& commands) const { return commands.control.value_or(fleet_.config.control); }
-  SetpointInput input_of(const Commands& commands, DroneIndex drone) const {
-    SetpointInput input{.step_s = static_cast<float>(fleet_.clock.step_s())};
-    const Control control = control_of(commands);
-    if (control == Control::position) input.now = pose_of(state_, drone);
-    if (control == Control::pose) {
-      input.from = commands.step_start[drone];
-      input.target = commands.target[drone];
-    } else {
-      const std::size_t size = fleet_.command_size(control);
-      std::copy_n(commands.command.data() + size * drone, size, input.command.data());
-    }
-    return input;
+  Setpoint command_setpoint(std::size_t lane, Control control, const float* command) const {
+    return setpoint_of(control, fleet_.airframe_of(group_[lane]), command, state_.position.data() + 3 * group_[lane]);
   }
 
   std::size_t env_of(std::size_t lane) const { return fleet_.env_of(group_[lane]); }

@@ -10,14 +10,14 @@ float yaw_of(const Quat& q) {
   return std::atan2(2.0F * (q.x() * q.y() + q.w() * q.z()), 1.0F - 2.0F * (q.y() * q.y() + q.z() * q.z()));
 }
 
-Setpoint setpoint_of(Control control, const Airframe& frame, const SetpointInput& input) {
-  const float a = input.command[0], b = input.command[1], c = input.command[2], d = input.command[3];
+Setpoint setpoint_of(Control control, const Airframe& frame, const float* command, const float* position) {
+  const float a = command[0], b = command[1], c = command[2], d = command[3];
   switch (control) {
     case Control::rotor_speeds:
     case Control::rotor_thrusts: {
       Setpoint speeds{};
       for (std::size_t i = 0; i < frame.num_rotors(); ++i) {
-        const double given = static_cast<double>(input.command[i]);
+        const double given = static_cast<double>(command[i]);
         const double speed = control == Control::rotor_speeds ? given : frame.speed_for(given);
         speeds[i] = static_cast<float>(std::clamp(speed, frame.min_speed_radps, frame.max_speed_radps));
       }
@@ -34,17 +34,17 @@ Setpoint setpoint_of(Control control, const Airframe& frame, const SetpointInput
     }
     case Control::acceleration:
       return {a, b, c, std::cos(d), std::sin(d)};
-    case Control::position: {
-      const Vec3 way = Vec3(a, b, c) - input.now.position;
+    default: {  // position
+      const Vec3 way = Vec3(a, b, c) - Vec3::Map(position);
       return {way.x(), way.y(), way.z(), std::cos(d), std::sin(d)};
     }
-    default: {
-      const Vec3 velocity = (input.target.position - input.from.position) / input.step_s;
-      const float turn =
-          std::remainder(yaw_of(input.target.rotation) - yaw_of(input.from.rotation), 2.0F * std::numbers::pi_v<float>);
-      return {velocity.x(), velocity.y(), velocity.z(), turn / input.step_s};
-    }
   }
+}
+
+Setpoint setpoint_of(const Pose& from, const Pose& target, float step_s) {
+  const Vec3 velocity = (target.position - from.position) / step_s;
+  const float turn = std::remainder(yaw_of(target.rotation) - yaw_of(from.rotation), 2.0F * std::numbers::pi_v<float>);
+  return {velocity.x(), velocity.y(), velocity.z(), turn / step_s};
 }
 
 }  // namespace flockstep::dynamics
