@@ -151,7 +151,7 @@ void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> en
   for (int phase = 0; phase < phases; ++phase) {
     scratch.envs.clear();
     std::ranges::copy_if(envs, std::back_inserter(scratch.envs),
-                         [&](EnvIndex env) { return sim.state.tick[env] % phases == phase; });
+                         [&](EnvIndex env) { return phases == 1 || sim.state.tick[env] % phases == phase; });
     if (scratch.envs.empty()) continue;
     for (int flown = 0, leg = ticks; flown < ticks; flown += leg) {
       const int tick = (phase + flown) % step;  // index in the step

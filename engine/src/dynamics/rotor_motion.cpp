@@ -145,9 +145,7 @@ class GroupFlight {
     const Control control = control_of(commands);
     if (group_.is_row() &&
         (control == Control::body_rates || control == Control::velocity || control == Control::heading_velocity)) {
-      alignas(64) Lanes<4> numbers;
-      load_rows(commands.command.data() + 4 * group_[0], numbers);
-      return void(std::copy(numbers.begin(), numbers.end(), flock_.setpoint.begin()));
+      return load_rows4(commands.command.data() + 4 * group_[0], flock_.setpoint.data());
     }
     const std::size_t size = fleet_.command_size(control);
     const auto step_s = static_cast<float>(fleet_.clock.step_s());

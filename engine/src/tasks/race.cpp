@@ -162,7 +162,8 @@ class Race final : public DifferentiableTask<RaceConfig> {
           const std::size_t view = gates_ahead_ * static_cast<std::size_t>(state.sensed[env]) + i;
           row = corners_->find(gate, state, drone, block.context.drones_per_env(), view, row);
         } else {
-          write(to_body * (gate.center - pose.position) * scale);
+          const Vec3 way = gate.center - pose.position;
+          write(to_body * way * scale);
           write(to_body * normal_of(gate));
         }
         if (++index == gates.size()) index = 0;
