@@ -29,7 +29,7 @@ void set_gust(const Fleet& fleet, State& state, DroneIndex drone, const GustStat
   std::copy(gust.begin(), gust.end(), state.flight.gust.data() + kGustStates * drone);
   Vec3 velocity = fleet.wind.at(gust);
   if (fleet.has_parameters()) velocity += Vec3::Map(state.parameters.params.data() + kNumParameters * drone + kWind);
-  std::copy_n(velocity.data(), 3, state.flight.wind.data() + 3 * drone);
+  Vec3::Map(state.flight.wind.data() + 3 * drone) = velocity;
 }
 
 void require_integrable(const Airframe& frame, const std::string& name, const DynamicsConfig& config, const ClockConfig& clock) {

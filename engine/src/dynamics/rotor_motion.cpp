@@ -450,6 +450,7 @@ void for_each_group(const FlightContext& context, std::span<const DroneIndex> dr
 }  // namespace
 
 void update_accelerations(const FlightContext& context, std::span<const DroneIndex> drones) {
+  if (drones.empty()) return;  // Physics is large
   Physics coasting = context.fleet.physics;
   coasting.stage = Stage::rotors;
   coasting.drains = false;  // the rotors keep their speed

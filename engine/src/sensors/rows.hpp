@@ -16,7 +16,7 @@ inline Vec3 of_row(const std::vector<float>& values, DroneIndex drone) {
 }
 
 inline void put(const Vec3& value, std::vector<float>& values, DroneIndex drone) {
-  std::copy_n(value.data(), 3, values.data() + 3 * drone);
+  Vec3::Map(values.data() + 3 * drone) = value;
 }
 
 inline float radians(float degrees) { return degrees * std::numbers::pi_v<float> / 180.0F; }

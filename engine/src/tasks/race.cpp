@@ -154,7 +154,10 @@ class Race final : public DifferentiableTask<RaceConfig> {
       const Pose pose = block.context.sensed_pose(drone);
       const Mat3 to_body = pose.rotation.toRotationMatrix().transpose();
       float* row = observation[0].row<float>(drone).data();
-      const auto write = [&row](const Vec3& v) { row = std::copy_n(v.data(), 3, row); };
+      const auto write = [&row](const Vec3& v) {
+        Vec3::Map(row) = v;  // not std::copy_n(), which would read the parts of v together, right after they are written
+        row += 3;
+      };
       std::size_t index = static_cast<std::size_t>(target_[drone]) % gates.size();
       for (std::size_t i = 0; i < gates_ahead_; ++i) {
         const Gate& gate = gates[index];

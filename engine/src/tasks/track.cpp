@@ -200,8 +200,7 @@ class Track final : public DifferentiableTask<TrackConfig> {
       const Vec3 from_middle = pose.position - target_of(block.context, drone);
       for (std::size_t i = 0; i < points; ++i) {
         if (i > 0) path_.turn(waves, ahead_);
-        const Vec3 way = to_body * (path_.position(waves) - from_middle);
-        std::copy_n(way.data(), 3, row.data() + 3 * i);
+        Vec3::Map(row.data() + 3 * i) = to_body * (path_.position(waves) - from_middle);
       }
       observe_flight(block.context, drone, to_body, row.subspan(3 * points));
       row[row.size() - 2] = std::sin(missing);
