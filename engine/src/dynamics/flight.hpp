@@ -52,7 +52,7 @@ struct alignas(64) Flock {
   Lanes<3> acceleration{};          // m/s^2, mean of the last tick
   Lanes<3> angular_acceleration{};  // rad/s^2, body, mean of the last tick
   Lane reach2{};                    // m^2, square of the largest distance from the start of the leg
-  Lane is_good{};                   // 1 if finite, with a unit rotation, within kMaxSpeed and max_turn; else 0
+  Lane is_good{};                   // 1 if finite, with a unit rotation, within kMaxSpeed, max_turn and the world; else 0
   // The position, which the equations of motion do not use; see update_position().
   Lanes<3> origin{};     // m, start of the leg, or of its part after the last contact
   Lanes<3> position{};   // m, origin + travelled

@@ -44,7 +44,7 @@ void store_rows(const Lanes<kColumns>& lanes, float* rows) {
   store_rows4(lanes.data(), rows);
 }
 
-// Sets position to origin + travelled, and remainder to the rounding error of that sum.
+// Sets position to origin + travelled, and remainder to the rounding error of that sum. Clears is_good outside the world.
 void update_position(Flock& flock);
 
 // A range of consecutive drones; empty if count is 0.

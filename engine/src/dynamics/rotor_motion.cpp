@@ -166,7 +166,8 @@ class GroupFlight {
       const std::int64_t start = step_start(lane);
       std::size_t count = 0;
       const auto add = [&](const float* command, std::int64_t at, std::size_t) {
-        arrivals.add(command_setpoint(lane, control_of(commands), command), static_cast<float>(at - start), lane, count++, flock_);
+        arrivals.add(command_setpoint(lane, control_of(commands), command), static_cast<float>(at - start), lane, count++,
+                     flock_);
       };
       fleet_.commands.for_each(group_[lane], start + first_tick, start + first_tick + ticks, add);
     }
@@ -208,7 +209,7 @@ class GroupFlight {
     update_position(flock_);
   }
 
-  bool is_good(std::size_t lane) const { return flock_.is_good[lane] != 0.0F && is_in_world(vec3(flock_.position, lane)); }
+  bool is_good(std::size_t lane) const { return flock_.is_good[lane] != 0.0F; }
 
   // True if the drone stays in place until the end of its step.
   bool is_held(std::size_t lane) const {

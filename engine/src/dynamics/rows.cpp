@@ -1,4 +1,5 @@
 #include "dynamics/lane_group.hpp"
+#include "flockstep/limits.hpp"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "dynamics/rows.cpp"
@@ -38,13 +39,16 @@ void store_4(const Lane* lanes, float* rows) {
 // Sum with exact remainder: D. E. Knuth, "The Art of Computer Programming", volume 2, 4.2.2.
 void update_position(Flock& flock) {
   for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) {
+    F is_good = load(flock.is_good, lane);
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const F a = load(flock.origin[axis], lane), b = load(flock.travelled[axis], lane);
       const F s = a + b;
       const F part = s - a;
       store(s, flock.position[axis], lane);
       store((a - (s - part)) + (b - part), flock.remainder[axis], lane);
+      is_good = select(abs(s) <= static_cast<float>(kMaxCoordinate), is_good, 0.0F);  // false for NaN
     }
+    store(is_good, flock.is_good, lane);
   }
 }
 

@@ -1,7 +1,6 @@
 // Vectors in the rows of a sensor's arrays, the rotation of its mounting, and angles.
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <numbers>
 #include <vector>
@@ -15,9 +14,7 @@ inline Vec3 of_row(const std::vector<float>& values, DroneIndex drone) {
   return {values[3 * drone], values[3 * drone + 1], values[3 * drone + 2]};
 }
 
-inline void put(const Vec3& value, std::vector<float>& values, DroneIndex drone) {
-  Vec3::Map(values.data() + 3 * drone) = value;
-}
+inline void put(const Vec3& value, std::vector<float>& values, DroneIndex drone) { Vec3::Map(values.data() + 3 * drone) = value; }
 
 inline float radians(float degrees) { return degrees * std::numbers::pi_v<float> / 180.0F; }
 
