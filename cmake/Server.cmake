@@ -21,7 +21,6 @@ foreach(target flockstep_protocol flockstep_server)
   target_include_directories(${target} PUBLIC server/include ${generated} PRIVATE server/src engine/include engine/src)
   target_link_libraries(${target} PUBLIC Eigen3::Eigen PRIVATE flockstep_options flockstep_dependencies flockstep_network)
 endforeach()
-# Calls of Boost's templates, a quarter of whose compile time an optimiser takes; what handles values is in the protocol.
-target_compile_options(flockstep_server PRIVATE $<$<CONFIG:Release>:-O1>)
+target_compile_options(flockstep_server PRIVATE "${options_of_calls}") # what handles values is in the protocol
 compile_folders_as_one(flockstep_server "" ${service_sources})
 set_target_properties(flockstep_protocol PROPERTIES UNITY_BUILD ${FLOCKSTEP_UNITY})
